@@ -1,0 +1,41 @@
+# Treenail: `make sim` shows a peg learn its hole, `make test` runs all tests; both set up what they need in .venv.
+PYTHON ?= $(shell command -v python3.11 || command -v python3)
+VENV := .venv
+BIN := $(VENV)/bin
+ARGS ?=
+
+.PHONY: help setup sim test check lock docs clean
+
+help:  ## show this
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+
+setup: $(VENV)/ready  ## make .venv from the pinned requirements.lock
+
+$(VENV)/ready: requirements.lock pyproject.toml
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "make: Python 3.11 or newer is needed, $(PYTHON) is older; use PYTHON=..." >&2; exit 2; }
+	@$(PYTHON) -m venv $(VENV) || { echo "make: cannot make a virtual environment; on Debian: apt install python3-venv" >&2; exit 2; }
+	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@
+
+sim: setup  ## a whole cell on this machine: watch a peg learn its hole; ARGS="--episodes 60 --seed 1"
+	@exec $(BIN)/treenail up sim $(ARGS)
+
+check: setup  ## formatting, lint, types, import contracts
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+test: check  ## everything: check, then all tests; ARGS="-k art2"
+	$(BIN)/pytest $(ARGS)
+
+docs: setup  ## write docs/contract.md again from services/wire
+	$(BIN)/python -m services.wire.contract > docs/contract.md
+
+lock:  ## resolve requirements.lock again (needs pip-tools)
+	pip-compile --quiet --all-extras --generate-hashes --allow-unsafe --strip-extras --no-emit-index-url --no-emit-find-links \
+	    --no-emit-trusted-host --no-header --output-file requirements.lock pyproject.toml
+
+clean:  ## remove what setup and tests made
+	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
