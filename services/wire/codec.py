@@ -1,0 +1,95 @@
+"""Messages to bytes and back: MessagePack maps; the Zenoh encoding names type and version.
+
+Decoding checks everything that the types state: names, types, lengths, finiteness (by range) and ranges. Nothing that
+arrives is trusted; what does not fit raises a ContractError that says where.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from typing import TypeVar
+
+import msgpack
+import msgspec
+
+from services.wire.errors import BadPayloadError, WrongTypeError, WrongVersionError
+from services.wire.messages import MESSAGES, Message
+
+MAX_PAYLOAD_BYTES = 64 * 1024 * 1024
+ENCODING_PREFIX = "application/msgpack;treenail."
+_ENCODING = re.compile(r"^application/msgpack;treenail\.([A-Za-z]+)\.v([0-9]+)$")
+_KINDS = {kind.__name__: kind for kind in MESSAGES}
+
+M = TypeVar("M", bound=Message)
+
+
+def encoding_of(kind: type[Message]) -> str:
+    """Return the Zenoh encoding of a message type, e.g. ``application/msgpack;treenail.State.v1``."""
+    return f"{ENCODING_PREFIX}{kind.__name__}.v{kind.VERSION}"
+
+
+def encode(message: Message) -> bytes:
+    """Return the MessagePack map of a message; equal messages give equal bytes."""
+    packed: bytes = msgpack.packb(msgspec.to_builtins(message, builtin_types=(bytes,)))
+    return packed
+
+
+def encode_json(message: Message) -> bytes:
+    """Return the message as a JSON object, for generic clients; byte strings become base64."""
+    return msgspec.json.encode(message)
+
+
+def decode(kind: type[M], payload: bytes, encoding: str) -> M:
+    """Return the message in ``payload``.
+
+    Raises WrongTypeError or WrongVersionError when ``encoding`` does not name ``kind`` in this version, and
+    BadPayloadError when the payload does not fit the type.
+    """
+    if encoding != encoding_of(kind):
+        raise _wrong_encoding(kind, encoding)
+    return decode_payload(kind, payload)
+
+
+def decode_payload(kind: type[M], payload: bytes) -> M:
+    """Return the message in ``payload`` without looking at an encoding (for stored values). Raises BadPayloadError."""
+    if len(payload) > MAX_PAYLOAD_BYTES:
+        raise BadPayloadError(f"{kind.__name__}: expected at most {MAX_PAYLOAD_BYTES} bytes, got {len(payload)}")
+    try:
+        fields = msgpack.unpackb(payload, raw=False, strict_map_key=True)
+    except (ValueError, msgpack.UnpackException, RecursionError) as error:
+        reason = str(error) or type(error).__name__
+        got = f"{len(payload)} bytes: {reason}"
+        raise BadPayloadError(f"{kind.__name__}: expected a MessagePack map, got {got}") from error
+    try:
+        return msgspec.convert(fields, kind)
+    except (msgspec.ValidationError, RecursionError, OverflowError) as error:
+        raise BadPayloadError(f"{kind.__name__}: {error}") from error
+
+
+def decode_any(payload: bytes, encoding: str) -> Message:
+    """Return the message of whichever type ``encoding`` names. Raises ContractError like ``decode``."""
+    match = _ENCODING.match(encoding)
+    kind = _KINDS.get(match.group(1)) if match else None
+    if kind is None:
+        raise WrongTypeError(f"payload: expected one of Treenail's types, got encoding {encoding[:100]!r}")
+    return decode(kind, payload, encoding)
+
+
+def contract_schema() -> dict[str, object]:
+    """Return the JSON Schema of all messages with their versions: the text that the contract hash stands for."""
+    _, components = msgspec.json.schema_components(MESSAGES, ref_template="#/{name}")
+    return {"versions": {kind.__name__: kind.VERSION for kind in MESSAGES}, "types": components}
+
+
+def contract_sha256() -> str:
+    """Return the hash of the contract; peers with another one do not understand each other."""
+    return hashlib.sha256(msgspec.json.encode(contract_schema(), order="sorted")).hexdigest()
+
+
+def _wrong_encoding(kind: type[Message], encoding: str) -> WrongTypeError | WrongVersionError:
+    shown = encoding[:100]
+    match = _ENCODING.match(encoding)
+    if match is not None and match.group(1) == kind.__name__:
+        return WrongVersionError(f"{kind.__name__}: expected version {kind.VERSION}, got version {match.group(2)[:20]}")
+    return WrongTypeError(f"{kind.__name__}: expected encoding {encoding_of(kind)!r}, got {shown!r}")

@@ -1,0 +1,60 @@
+"""The command line and logging that all services share."""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import logging
+import os
+import signal
+import sys
+from collections.abc import Callable
+
+from services.wire.errors import TreenailError
+from services.wire.service import Options
+from services.wire.session import DEFAULT_ENDPOINT
+
+DIE_WITH_PARENT = "TREENAIL_DIE_WITH_PARENT"
+_PR_SET_PDEATHSIG = 1
+EXIT_ERROR = 2
+"""Exit status of a service that could not start or go on, and said why in one line."""
+
+
+def parser(name: str, summary: str) -> argparse.ArgumentParser:
+    """Return a parser with the options that every service takes."""
+    made = argparse.ArgumentParser(prog=f"treenail {name}", description=summary)
+    made.add_argument("--cell", default="a", help="name of the cell (default: a)")
+    made.add_argument(
+        "--connect",
+        action="append",
+        metavar="ENDPOINT",
+        help=f"Zenoh endpoint of the router, may be repeated (default: {DEFAULT_ENDPOINT})",
+    )
+    made.add_argument("--connect-timeout", type=float, default=30.0, metavar="S", help="seconds to wait for the router")
+    return made
+
+
+def options(arguments: argparse.Namespace) -> Options:
+    """Return the shared options of parsed arguments."""
+    connect = tuple(arguments.connect or (DEFAULT_ENDPOINT,))
+    return Options(cell=arguments.cell, connect=connect, connect_timeout_s=arguments.connect_timeout)
+
+
+def die_with_parent() -> None:
+    """Ask Linux to stop this process when the one that started it dies, however it dies (set by ``treenail up``)."""
+    if os.environ.get(DIE_WITH_PARENT) == "1":
+        ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+
+
+def run(name: str, main: Callable[[], None]) -> int:
+    """Run a service's main function; return the exit status. Errors of ours are one line, without a traceback."""
+    die_with_parent()
+    logging.basicConfig(stream=sys.stdout, level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    try:
+        main()
+    except TreenailError as error:
+        print(f"treenail {name}: {error}", file=sys.stderr)
+        return EXIT_ERROR
+    except KeyboardInterrupt:
+        return 130
+    return 0

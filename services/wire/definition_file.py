@@ -1,0 +1,215 @@
+"""Experiment definitions as TOML files: finding, reading, overriding, checking, hashing.
+
+Whatever does not fit is named with file, line, key, what was expected and what came, and raises DefinitionError.
+"""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import get_args, get_type_hints
+
+import msgspec
+
+from services.wire.definition import Definition
+from services.wire.errors import DefinitionError
+
+_TABLE = re.compile(r"^\s*\[([A-Za-z0-9_.\s]+)\]")
+_KEY = re.compile(r"^\s*([A-Za-z0-9_.]+)\s*=")
+_AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<path>[^`]*)`)?$", re.DOTALL)
+_UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
+_MAX_FILE_BYTES = 1_000_000
+
+
+def shipped() -> dict[str, Path]:
+    """Return the definitions that come with Treenail, by name."""
+    folder = Path(str(files("experiments"))) / "definitions"
+    return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+
+
+def find(name_or_path: str) -> Path:
+    """Return the file of a shipped definition's name, or of a user's own file."""
+    known = shipped()
+    if name_or_path in known:
+        return known[name_or_path]
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    close = difflib.get_close_matches(name_or_path, known, n=1)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    raise DefinitionError(
+        f"experiment: expected one of {', '.join(known)} or a TOML file, got {name_or_path!r}, which is neither{hint}"
+    )
+
+
+def load(name_or_path: str, overrides: Iterable[str] = ()) -> Definition:
+    """Return the checked definition of a name or file, with overrides such as ``start.x_mm=2.0`` applied."""
+    path = find(name_or_path)
+    try:
+        raw = path.read_bytes()
+    except OSError as error:
+        raise DefinitionError(f"{path}: cannot be read: {error.strerror}") from error
+    if len(raw) > _MAX_FILE_BYTES:
+        raise DefinitionError(f"{path}: expected at most {_MAX_FILE_BYTES} bytes, got {len(raw)}")
+    try:
+        text = raw.decode("utf-8")
+        fields = tomllib.loads(text)
+    except UnicodeDecodeError as error:
+        raise DefinitionError(f"{path}: expected UTF-8 text: {error}") from error
+    except tomllib.TOMLDecodeError as error:
+        raise DefinitionError(f"{path}: not valid TOML: {error}") from error
+    places = {key: f"{path}:{line}" for key, line in _lines(text).items()}
+    for override in overrides:
+        key = _apply(fields, override)
+        for end in _ends(key):
+            if key[:end] not in places or end == len(key):
+                places[key[:end]] = f"--set {override}"
+    return check(fields, places, str(path))
+
+
+def check(fields: Mapping[str, object], places: Mapping[str, str], source: str) -> Definition:
+    """Return the definition in ``fields``; ``places`` says where each dotted key stands, for the error."""
+    try:
+        definition = msgspec.convert(fields, Definition)
+    except msgspec.ValidationError as error:
+        raise DefinitionError(_explain(str(error), fields, places, source)) from None
+    _check_together(definition, places, source)
+    return definition
+
+
+def definition_sha256(definition: Definition) -> str:
+    """Return the hash of a definition with all its defaults filled in; equal settings give equal hashes."""
+    return hashlib.sha256(msgspec.json.encode(definition, order="sorted")).hexdigest()
+
+
+def run_id(definition: Definition, seed: int) -> str:
+    """Return the name of the run that a definition and a seed determine; starting it again goes on with it."""
+    return f"{definition_sha256(definition)[:16]}-s{seed}"
+
+
+def _check_together(definition: Definition, places: Mapping[str, str], source: str) -> None:
+    """Check what no single field can show."""
+    parts, limits = definition.parts, definition.limits
+    rules = (
+        (
+            limits.contact_force_n < limits.collision_force_n,
+            "limits.contact_force_n",
+            f"expected less than limits.collision_force_n = {limits.collision_force_n}, got {limits.contact_force_n}",
+        ),
+        (
+            limits.collision_force_n < limits.hard_force_n,
+            "limits.hard_force_n",
+            f"expected more than limits.collision_force_n = {limits.collision_force_n}, got {limits.hard_force_n}",
+        ),
+        (
+            parts.clearance_mm < parts.peg_width_mm,
+            "parts.clearance_mm",
+            f"expected less than parts.peg_width_mm = {parts.peg_width_mm}, got {parts.clearance_mm}",
+        ),
+    )
+    for holds, key, complaint in rules:
+        if not holds:
+            raise DefinitionError(f"{_place(key, places, source)}: {key}: {complaint}")
+
+
+def _apply(fields: dict[str, object], override: str) -> str:
+    """Set one dotted key to a TOML value (or a bare word) and return the key."""
+    key, equals, value = override.partition("=")
+    key = key.strip()
+    if not equals or not re.fullmatch(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*", key):
+        raise DefinitionError(f"--set {override}: expected key=value, such as start.x_mm=2.0")
+    try:
+        parsed: object = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        parsed = value.strip()
+    *tables, last = key.split(".")
+    node = fields
+    for table in tables:
+        child = node.setdefault(table, {})
+        if not isinstance(child, dict):
+            raise DefinitionError(f"--set {override}: {table} is a value, not a table")
+        node = child
+    if last == "kind" and node.get("kind") != parsed:
+        node.clear()  # the settings of another kind do not carry over
+    node[last] = parsed
+    return key
+
+
+def _ends(key: str) -> list[int]:
+    """Return where each leading part of a dotted key ends: for a.b.c the lengths of a, a.b and a.b.c."""
+    return [*(match.start() for match in re.finditer(r"\.", key)), len(key)]
+
+
+def _lines(text: str) -> dict[str, int]:
+    """Return the line, from 1, of each dotted key of a TOML text (tables and plain ``key =`` lines)."""
+    lines: dict[str, int] = {}
+    table = ""
+    for number, line in enumerate(text.splitlines(), start=1):
+        if match := _TABLE.match(line):
+            table = match.group(1).strip()
+            lines[table] = number
+        elif match := _KEY.match(line):
+            lines[f"{table}.{match.group(1)}" if table else match.group(1)] = number
+    return lines
+
+
+def _explain(error: str, fields: Mapping[str, object], places: Mapping[str, str], source: str) -> str:
+    match = _AT.match(error)
+    what, path = (match.group("what"), match.group("path") or "") if match else (error, "")
+    if unknown := _UNKNOWN.search(what):
+        key = f"{path}.{unknown.group(1)}".lstrip(".")
+        known = _known_keys(path)
+        close = difflib.get_close_matches(unknown.group(1), known, n=1)
+        hint = f"; did you mean {close[0]!r}?" if close else f"; expected one of {', '.join(known)}" if known else ""
+        return f"{_place(key, places, source)}: {key}: unknown key{hint}"
+    got = _value(fields, path)
+    if what.startswith("Invalid"):
+        what = f"expected one of {', '.join(_choices(path))}"
+    shown = "" if got is None or ", got" in what else f", got {got!r}"
+    name = f"{path}: " if path else ""
+    return f"{_place(path, places, source)}: {name}{what[0].lower()}{what[1:]}{shown}"
+
+
+def _place(key: str, places: Mapping[str, str], source: str) -> str:
+    while key:
+        if key in places:
+            return places[key]
+        key = key.rpartition(".")[0]
+    return source
+
+
+def _value(fields: Mapping[str, object], path: str) -> object:
+    node: object = fields
+    for part in path.split(".") if path else ():
+        node = node.get(part) if isinstance(node, Mapping) else None
+    return node
+
+
+def _choices(path: str) -> list[str]:
+    """Return the values that an enumerated key may have: a Literal's, or the kinds of a table."""
+    table, _, key = path.rpartition(".")
+    owners = _structs(table)
+    if key == "kind" and all(owner.__struct_config__.tag is not None for owner in owners):
+        return [repr(owner.__struct_config__.tag) for owner in owners]
+    hints = [get_type_hints(owner).get(key) for owner in owners]
+    return [repr(value) for hint in hints for value in get_args(hint)]
+
+
+def _known_keys(path: str) -> list[str]:
+    """Return the keys that a table of the definition may have, over all its kinds."""
+    return sorted({name for kind in _structs(path) for name in kind.__struct_fields__})
+
+
+def _structs(path: str) -> list[type[msgspec.Struct]]:
+    """Return the types that the table at a dotted path may have."""
+    kinds: list[type[msgspec.Struct]] = [Definition]
+    for part in path.split(".") if path else ():
+        hint = {name: kind for owner in kinds for name, kind in get_type_hints(owner).items()}.get(part)
+        options = get_args(hint) or (hint,)
+        kinds = [kind for kind in options if isinstance(kind, type) and issubclass(kind, msgspec.Struct)]
+    return kinds

@@ -1,0 +1,321 @@
+"""The messages: closed, frozen, versioned types with units in the field names. docs/contract.md is generated from here.
+
+Frames: forces and torques are those acting on the peg, in the tool frame (origin at the tip, +Z in the direction of
+insertion); torques refer to the sensor's point, ``wrist.sensor_height_mm`` behind the tip. Increments are in the tool
+frame, translation first; rotations turn about axes through the tip. Times are nanoseconds of the publisher's clock;
+the simulator's clock is simulated and a function of episode and step alone.
+
+Every loop message carries ``run``, ``episode``, ``step`` (motions made in this episode before it) and ``decision``
+(decisions taken in this run before it): the last is without gaps, so that a worker sees at once what it missed.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from msgspec import Meta, Struct
+
+from services.wire.definition import Definition
+
+Count = Annotated[int, Meta(ge=0, le=2**62)]
+RunId = Annotated[str, Meta(pattern=r"^[0-9a-z][0-9a-z-]{0,79}\Z")]
+Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
+ServiceName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]{0,31}\Z")]
+Newton = Annotated[float, Meta(ge=-1e5, le=1e5)]
+NewtonMetre = Annotated[float, Meta(ge=-1e5, le=1e5)]
+Force = tuple[Newton, Newton, Newton]
+Torque = tuple[NewtonMetre, NewtonMetre, NewtonMetre]
+Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
+Millimetre = Annotated[float, Meta(ge=-1e4, le=1e4)]
+Degree = Annotated[float, Meta(ge=-360, le=360)]
+Reason = Literal["bad_request", "foreign_run", "out_of_order", "guard", "not_ready"]
+Outcome = Literal["inserted", "collision", "no_progress", "move_limit"]
+
+
+class Message(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Base of all messages; ``VERSION`` goes up when a type changes."""
+
+    VERSION: ClassVar[int] = 1
+
+
+class LoopMessage(Message, frozen=True, kw_only=True):
+    """What every message of the loop carries."""
+
+    run: RunId
+    episode: Count
+    step: Count
+    decision: Count
+
+
+class FtPacket(Message, frozen=True, kw_only=True):
+    """Consecutive F/T samples, oldest first; one sample per motion from the simulator, several from a fast sensor."""
+
+    sequence: Count
+    """Number of the newest sample; a jump larger than the packet means that samples were lost."""
+    t_ns: Count
+    """When the newest sample was taken."""
+    period_ns: Count = 0
+    """Time between samples, 0 for a single one."""
+    status: Annotated[int, Meta(ge=0, le=0xFFFF)] = 0
+    """0 is good. Bit 0 saturated, 1 near saturation, 2 sensor lost, 3 sensor changed, 4 not yet zeroed."""
+    force_n: Annotated[tuple[Force, ...], Meta(min_length=1, max_length=64)]
+    torque_nm: Annotated[tuple[Torque, ...], Meta(min_length=1, max_length=64)]
+
+
+class Home(Message, frozen=True, kw_only=True):
+    """Request on ``home``: put the peg at the start pose of an episode; pose of the tip in the hole frame."""
+
+    run: RunId
+    episode: Count
+    x_mm: Millimetre
+    y_mm: Millimetre
+    z_mm: Millimetre
+    rx_deg: Degree
+    ry_deg: Degree
+    rz_deg: Degree
+
+
+class Move(Message, frozen=True, kw_only=True):
+    """Request on ``move``: one increment. ``step`` counts from 1; a robot takes only the next, or the last again."""
+
+    run: RunId
+    episode: Count
+    step: Annotated[int, Meta(ge=1, le=2**62)]
+    dx_mm: Millimetre = 0.0
+    dy_mm: Millimetre = 0.0
+    dz_mm: Millimetre = 0.0
+    rx_deg: Degree = 0.0
+    ry_deg: Degree = 0.0
+    rz_deg: Degree = 0.0
+
+
+class Moved(Message, frozen=True, kw_only=True):
+    """Reply to ``home`` and ``move``: what was really applied, and from when on F/T samples show it."""
+
+    run: RunId
+    episode: Count
+    step: Count
+    arrived_t_ns: Count
+    """F/T samples with ``t_ns`` at or after this time were taken after the motion had settled."""
+    dx_mm: Millimetre = 0.0
+    dy_mm: Millimetre = 0.0
+    dz_mm: Millimetre = 0.0
+    rx_deg: Degree = 0.0
+    ry_deg: Degree = 0.0
+    rz_deg: Degree = 0.0
+
+
+PoseNumbers = tuple[Number, Number, Number, Number, Number, Number, Number]
+
+
+class Truth(Message, frozen=True, kw_only=True):
+    """Where the simulated peg really is: for viewers and evaluation only, the learner never sees it.
+
+    Poses of the tip in the hole frame: x, y, z [mm] and the quaternion w, x, y, z.
+    """
+
+    run: RunId
+    episode: Count
+    step: Count
+    flange: PoseNumbers
+    peg: PoseNumbers
+    contact: Annotated[str, Meta(max_length=200)]
+    """True contact state; empty for none."""
+
+
+class Refusal(Message, frozen=True, kw_only=True):
+    """Error reply to any query: a stable reason for programs, a sentence for people."""
+
+    reason: Reason
+    message: Annotated[str, Meta(max_length=1000)]
+
+
+class Observation(LoopMessage, frozen=True, kw_only=True):
+    """One F/T sample, felt in contact, to be classified."""
+
+    force_n: Force
+    torque_nm: Torque
+
+
+class State(LoopMessage, frozen=True, kw_only=True):
+    """The contact state of an observation."""
+
+    state: Count
+    states: Count
+    """Number of classes after this observation."""
+    match: Annotated[float, Meta(ge=-1, le=1.000001)]
+
+
+class Action(LoopMessage, frozen=True, kw_only=True):
+    """The agent's decision; ``action`` indexes the experiment's action set, ``state`` is the state it was taken in."""
+
+    state: Count
+    action: Annotated[int, Meta(ge=0, le=63)]
+    policy_version: Count
+    """Number of learning updates behind this decision."""
+
+
+class Reward(LoopMessage, frozen=True, kw_only=True):
+    """Reward of the decision of the same step; ``terminal`` is set when the episode ended before another decision."""
+
+    reward: Number
+    terminal: Outcome | None
+
+
+class EpisodeSummary(Message, frozen=True, kw_only=True):
+    """One finished episode. Force and torque are means and peaks of the magnitudes after each motion."""
+
+    run: RunId
+    episode: Count
+    episode_return: Number
+    moves: Count
+    decisions: Count
+    mean_force_n: Annotated[float, Meta(ge=0, le=1e6)]
+    peak_force_n: Annotated[float, Meta(ge=0, le=1e6)]
+    mean_torque_nm: Annotated[float, Meta(ge=0, le=1e6)]
+    peak_torque_nm: Annotated[float, Meta(ge=0, le=1e6)]
+    states: Count
+    """Contact states known when the episode ended, as far as the task has seen them."""
+    outcome: Outcome
+
+
+class Experiment(Message, frozen=True, kw_only=True):
+    """Reply to ``experiment``: what runs, and how far it is."""
+
+    run: RunId
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
+    definition: Definition
+    definition_sha256: Sha256
+    episodes: Count
+    """Length of the run."""
+    episodes_done: Count
+    decisions: Count
+    phase: Annotated[str, Meta(max_length=200)]
+    """"running", "finished" or "waiting for ..."."""
+
+
+class QTable(Message, frozen=True, kw_only=True):
+    """Reply to ``agent/q_table``: one row a state, one column an action."""
+
+    run: RunId
+    decisions: Count
+    policy_version: Count
+    actions: tuple[str, ...]
+    q: tuple[tuple[Number, ...], ...]
+    visits: tuple[tuple[Count, ...], ...]
+    best_action: tuple[Count, ...]
+    digest: Sha256
+
+
+class PolicyAnswer(Message, frozen=True, kw_only=True):
+    """Reply to ``agent/policy``: what the agent would do in one state."""
+
+    run: RunId
+    policy_version: Count
+    state: Count
+    known: bool
+    """False for a state never decided in; its values are the initial zeros."""
+    actions: tuple[str, ...]
+    values: tuple[Number, ...]
+    probabilities: tuple[Number, ...]
+    visits: tuple[Count, ...]
+    best_action: Count
+
+
+class ClassifierStates(Message, frozen=True, kw_only=True):
+    """Reply to ``classifier/states``: prototypes in the classifier's input encoding, presentations per class."""
+
+    run: RunId
+    decisions: Count
+    states: Count
+    encoding: str
+    prototypes: tuple[tuple[Number, ...], ...]
+    counts: tuple[Count, ...]
+    digest: Sha256
+
+
+class RunRecord(Message, frozen=True, kw_only=True):
+    """``journal/<run>/run``: what the run is; its presence proves that the store knows the run."""
+
+    run: RunId
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
+    definition: Definition
+    definition_sha256: Sha256
+    contract_sha256: Sha256
+
+
+class JournalStep(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One decision in the journal; the last of an unfinished episode may lack action and reward."""
+
+    step: Count
+    force_n: Force
+    torque_nm: Torque
+    state: Count | None = None
+    action: Annotated[int, Meta(ge=0, le=63)] | None = None
+    policy_version: Count | None = None
+    reward: Number | None = None
+
+
+class JournalEpisode(Message, frozen=True, kw_only=True):
+    """``journal/<run>/<block>/<episode>`` and ``task/steps``: all decisions of one episode, in order."""
+
+    run: RunId
+    episode: Count
+    first_decision: Count
+    steps: tuple[JournalStep, ...]
+    summary: EpisodeSummary | None
+    """None while the episode is under way."""
+
+
+class Checkpoint(Message, frozen=True, kw_only=True):
+    """``checkpoint/<run>/<service>/<episode>``: a worker's memory after all episodes before ``episode``."""
+
+    run: RunId
+    service: ServiceName
+    episode: Count
+    decisions: Count
+    contract_sha256: Sha256
+    snapshot: dict[str, bytes | int]
+
+
+class Alive(Message, frozen=True, kw_only=True):
+    """Reply to ``alive/<service>``, and published as heartbeat by the work loop: who is here and how it goes."""
+
+    service: ServiceName
+    instance: Annotated[str, Meta(max_length=64)]
+    host: Annotated[str, Meta(max_length=255)]
+    pid: Count
+    version: Annotated[str, Meta(max_length=64)]
+    contract_sha256: Sha256
+    started_t_ns: Count
+    beat: Count
+    """Heartbeats so far; one that stands still with its liveliness token present is a hung process."""
+    handled: Count
+    """Messages handled."""
+    refused: dict[str, Count]
+    """Messages refused, by error name."""
+    run: RunId | None
+    phase: Annotated[str, Meta(max_length=200)]
+
+
+MESSAGES: tuple[type[Message], ...] = (
+    FtPacket,
+    Home,
+    Move,
+    Moved,
+    Truth,
+    Refusal,
+    Observation,
+    State,
+    Action,
+    Reward,
+    EpisodeSummary,
+    Experiment,
+    QTable,
+    PolicyAnswer,
+    ClassifierStates,
+    RunRecord,
+    JournalEpisode,
+    Checkpoint,
+    Alive,
+)

@@ -1,0 +1,368 @@
+"""The shell that every service stands in: session, role, inbox, queries, heartbeat, stop.
+
+Network callbacks only put what came into the inbox; one loop per service does all the work, and nothing that comes in
+can stop it: what does not fit is refused, counted and logged.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import queue
+import signal
+import socket
+import time
+import uuid
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import FrameType, TracebackType
+from typing import TypeAlias, TypeVar
+
+import zenoh
+from zenoh.handlers import Callback
+
+from services.wire.codec import contract_sha256, decode, encode, encode_json, encoding_of
+from services.wire.errors import BadPayloadError, NoAnswerError, RefusedError, RoleTakenError, TreenailError
+from services.wire.keys import Keys
+from services.wire.messages import Alive, Message, Reason, Refusal
+from services.wire.session import DEFAULT_ENDPOINT, LEASE_MS, open_client
+from services.wire.version import version
+
+M = TypeVar("M", bound=Message)
+T = TypeVar("T")
+Handler: TypeAlias = "Callback[object]"
+
+HEARTBEAT_S = 1.0
+_COMPLAINT_EVERY_S = 1.0
+
+
+@dataclass(frozen=True)
+class Options:
+    """What every service is started with."""
+
+    cell: str = "a"
+    """Name of the cell."""
+    connect: tuple[str, ...] = (DEFAULT_ENDPOINT,)
+    """Zenoh endpoints of the router, tried in turn."""
+    connect_timeout_s: float = 30.0
+    """How long to wait for the router at the start."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """A query as a handler sees it."""
+
+    parameters: Mapping[str, str]
+    payload: bytes
+    encoding: str
+
+    def message(self, kind: type[M]) -> M:
+        """Return the request message in the payload; raises ContractError."""
+        return decode(kind, self.payload, self.encoding)
+
+
+class Service:
+    """One service's place in a cell. Use as a context manager; then ``claim``, declare, ``ready`` and ``loop``."""
+
+    def __init__(self, name: str, options: Options) -> None:
+        self.name = name
+        self.keys = Keys(options.cell)
+        self.options = options
+        self.log = logging.getLogger(name)
+        self.phase = "starting"
+        self.run: str | None = None
+        self.handled = 0
+        self.refused: Counter[str] = Counter()
+        self.stopping = False
+        self.instance = f"{time.time_ns():020d}-{uuid.uuid4().hex[:8]}"
+        self._started_ns = time.time_ns()
+        self._beat = 0
+        self._next_beat = time.monotonic()
+        self._inbox: queue.SimpleQueue[tuple[Callable[..., None], object]] = queue.SimpleQueue()
+        self._declared: list[object] = []
+        self._contract = contract_sha256()
+        self._complained: dict[str, float] = {}
+
+    # -- life ----------------------------------------------------------------------------------------------------
+
+    def __enter__(self) -> Service:
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+        self.session = open_client(self.options.connect, self.options.connect_timeout_s)
+        self._heartbeat = self.session.declare_publisher(self.keys.heartbeat(self.name), encoding=encoding_of(Alive))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.session.close()  # type: ignore[no-untyped-call]
+
+    def claim(self) -> None:
+        """Take this service's role in the cell. Raises RoleTakenError when another process keeps it."""
+        everyone = self.keys.of(f"claim/{self.name}/*")
+        deadline = time.monotonic() + 2.0 * LEASE_MS / 1000  # a predecessor that just died may still be listed
+        while others := self._claims(everyone):
+            if time.monotonic() > deadline or self.stopping:
+                raise self._taken(others)
+            time.sleep(0.05)
+        self._declared.append(
+            self.session.liveliness().declare_token(self.keys.of(f"claim/{self.name}/{self.instance}"))
+        )
+        if earlier := [other for other in self._claims(everyone) if other < self.instance]:
+            raise self._taken(earlier)
+        self.answer(f"alive/{self.name}", lambda _: self.status())
+
+    def ready(self) -> None:
+        """Say that the service is alive: it has all it needs and serves its keys."""
+        self.phase = "running"
+        self._declared.append(self.session.liveliness().declare_token(self.keys.alive(self.name)))
+        self.log.info("ready: cell %s, instance %s", self.keys.cell, self.instance)
+
+    def loop(self) -> None:
+        """Work until stopped."""
+        while not self.stopping:
+            self.work(1.0)
+
+    def stop(self) -> None:
+        """Make the loop end after the event at hand; safe from any thread."""
+        self.stopping = True
+        self._inbox.put((_nothing, None))
+
+    def work(self, timeout_s: float) -> bool:
+        """Do one event of the inbox, waiting at most ``timeout_s`` for it; True when there was one. Beats the heart."""
+        now = time.monotonic()
+        if now >= self._next_beat:
+            self._next_beat = now + HEARTBEAT_S
+            self._beat += 1
+            self._heartbeat.put(encode(self.status()))
+        try:
+            handler, item = self._inbox.get(timeout=max(0.0, min(timeout_s, self._next_beat - now)))
+        except queue.Empty:
+            return False
+        try:
+            handler(item)
+        except TreenailError as error:
+            self.refuse(error)
+        return True
+
+    def work_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
+        """Work until ``done()``, stop, or the end of ``timeout_s``; return ``done()``."""
+        deadline = time.monotonic() + timeout_s
+        while not done():
+            left = deadline - time.monotonic()
+            if left <= 0 or self.stopping:
+                return done()
+            self.work(left)
+        return True
+
+    def wait_for(self, what: str, attempt: Callable[[], T | None], every_s: float = 0.1) -> T | None:
+        """Try until ``attempt`` gives something, saying loudly what is missing; None only when stopped."""
+        while not self.stopping:
+            result = attempt()
+            if result is not None:
+                return result
+            self.phase = f"waiting for {what}"
+            self.complain(self.phase)
+            self.work_until(lambda: False, every_s)
+        return None
+
+    # -- what came in --------------------------------------------------------------------------------------------
+
+    def post(self, handler: Callable[[T], None], item: T) -> None:
+        """Put work into the inbox; safe from any thread, never blocks."""
+        self._inbox.put((handler, item))
+
+    def subscribe(self, name: str, kind: type[M], handler: Callable[[M], None]) -> None:
+        """Hand each message on a key to ``handler``, in the loop."""
+
+        def take(sample: zenoh.Sample) -> None:
+            self.handled += 1
+            handler(decode(kind, sample.payload.to_bytes(), str(sample.encoding)))
+
+        self.subscribe_raw(name, take)
+
+    def subscribe_raw(self, name: str, handler: Callable[[zenoh.Sample], None]) -> None:
+        """Hand each sample on a key expression to ``handler``, in the loop."""
+        callback: Handler = Callback(lambda sample: self._inbox.put((handler, sample)), indirect=False)
+        self._declared.append(self.session.declare_subscriber(self.keys.of(name), callback))
+
+    def watch(self, handler: Callable[[str, bool], None]) -> None:
+        """Call ``handler(service, alive)`` in the loop for each service that comes or goes, and those already here."""
+
+        def take(sample: zenoh.Sample) -> None:
+            handler(str(sample.key_expr).rpartition("/")[2], sample.kind == zenoh.SampleKind.PUT)
+
+        callback: Handler = Callback(lambda sample: self._inbox.put((take, sample)), indirect=False)
+        key = self.keys.alive("*")
+        self._declared.append(self.session.liveliness().declare_subscriber(key, callback, history=True))
+
+    def answer(self, name: str, handler: Callable[[Request], Message]) -> None:
+        """Answer queries on a key with the message that ``handler`` returns in the loop; errors become a Refusal."""
+        key = self.keys.of(name)
+        self.answer_raw(name, lambda query: self._reply(query, key, handler))
+
+    def answer_raw(self, name: str, handler: Callable[[zenoh.Query], None]) -> None:
+        """Hand each query on a key expression to ``handler``, in the loop; the query is final when it returns."""
+
+        def take(query: zenoh.Query) -> None:
+            self.handled += 1
+            with query:
+                handler(query)
+
+        callback: Handler = Callback(lambda query: self._inbox.put((take, query)), indirect=False)
+        self._declared.append(self.session.declare_queryable(self.keys.of(name), callback))
+
+    def refuse(self, error: TreenailError) -> None:
+        """Count a refusal by the error's name, and log it now and then."""
+        name = type(error).__name__
+        self.refused[name] += 1
+        self.complain(f"refused ({self.refused[name]} {name}): {error}", topic=name)
+
+    def complain(self, text: str, topic: str | None = None) -> None:
+        """Log a warning, at most once a second for one topic (by default the text itself)."""
+        now = time.monotonic()
+        topic = text if topic is None else topic
+        if now - self._complained.get(topic, -_COMPLAINT_EVERY_S) >= _COMPLAINT_EVERY_S:
+            self._complained[topic] = now
+            self.log.warning("%s", text)
+
+    # -- what goes out -------------------------------------------------------------------------------------------
+
+    def publisher(self, name: str, kind: type[M], *, drop: bool = False) -> Callable[[M], None]:
+        """Return a function that publishes messages on a key: reliable and blocking, or dropping for telemetry."""
+        control = zenoh.CongestionControl.DROP if drop else zenoh.CongestionControl.BLOCK
+        publisher = self.session.declare_publisher(
+            self.keys.of(name), encoding=encoding_of(kind), congestion_control=control, express=True
+        )
+        self._declared.append(publisher)
+        return lambda message: publisher.put(encode(message))
+
+    def fetch(self, name: str, kind: type[M], timeout_s: float = 1.0) -> M:
+        """Ask a key and return the one good answer; blocks the loop. Raises NoAnswerError or ContractError."""
+        found = self.fetch_all(name, kind, timeout_s)
+        if len(found) != 1:
+            raise NoAnswerError(f"{self.keys.of(name)}: expected one answer, got {len(found)}")
+        return found[0]
+
+    def fetch_all(self, name: str, kind: type[M], timeout_s: float = 1.0) -> list[M]:
+        """Ask a key expression and return all good answers in the order of their keys; blocks the loop."""
+        found: list[tuple[str, M]] = []
+        for reply in self.session.get(self.keys.of(name), timeout=timeout_s):
+            if reply.ok is not None:
+                sample = reply.ok
+                found.append((str(sample.key_expr), decode(kind, sample.payload.to_bytes(), str(sample.encoding))))
+        return [message for _, message in sorted(found, key=lambda pair: pair[0])]
+
+    def asker(self, name: str, kind: type[M], timeout_s: float = 2.0) -> Callable[[Message], M | Refusal | None]:
+        """Return a function that asks a key and works on until the answer is here; None when nobody answered."""
+        querier = self.session.declare_querier(
+            self.keys.of(name), consolidation=zenoh.ConsolidationMode.NONE, timeout=timeout_s, express=True
+        )
+        self._declared.append(querier)
+
+        def ask(request: Message) -> M | Refusal | None:
+            answers: list[M | Refusal | None] = []
+
+            def take(reply: zenoh.Reply) -> None:
+                answers.append(_answer_in(reply, kind))
+
+            callback: Handler = Callback(
+                lambda reply: self._inbox.put((take, reply)),
+                lambda: self._inbox.put((answers.append, None)),
+                indirect=False,
+            )
+            querier.get(handler=callback, payload=encode(request), encoding=encoding_of(type(request)))
+            self.work_until(lambda: bool(answers), timeout_s)
+            return answers[0] if answers else None
+
+        return ask
+
+    def put(self, key: str, message: Message) -> None:
+        """Put a message on a full key, reliably; a put is no proof of storage, only reading it back is."""
+        self.session.put(
+            key, encode(message), encoding=encoding_of(type(message)), congestion_control=zenoh.CongestionControl.BLOCK
+        )
+
+    def status(self) -> Alive:
+        """Return who this is and how it goes."""
+        return Alive(
+            service=self.name,
+            instance=self.instance,
+            host=socket.gethostname(),
+            pid=os.getpid(),
+            version=version(),
+            contract_sha256=self._contract,
+            started_t_ns=self._started_ns,
+            beat=self._beat,
+            handled=self.handled,
+            refused=dict(self.refused),
+            run=self.run,
+            phase=self.phase,
+        )
+
+    # -- details -------------------------------------------------------------------------------------------------
+
+    def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
+        self.stop()
+
+    def _claims(self, everyone: str) -> list[str]:
+        replies = self.session.liveliness().get(everyone, timeout=1.0)
+        found = (str(reply.ok.key_expr).rpartition("/")[2] for reply in replies if reply.ok is not None)
+        return [instance for instance in found if instance != self.instance]
+
+    def _taken(self, others: list[str]) -> RoleTakenError:
+        return RoleTakenError(
+            f"{self.name}: expected to be the only one in cell {self.keys.cell!r}, "
+            f"but {len(others)} other has this role (instance {others[0]})"
+        )
+
+    def _reply(self, query: zenoh.Query, key: str, handler: Callable[[Request], Message]) -> None:
+        as_json, parameters = False, parameters_of(query)
+        payload = b"" if query.payload is None else query.payload.to_bytes()
+        encoding = "" if query.encoding is None else str(query.encoding)
+        try:
+            as_json = wants_json(parameters.pop("format", "msgpack"))
+            message = handler(Request(parameters, payload, encoding))
+        except TreenailError as error:
+            self.refuse(error)
+            refusal = Refusal(reason=_reason(error), message=str(error)[:1000])
+            query.reply_err(encode_json(refusal) if as_json else encode(refusal), encoding=_encoding(Refusal, as_json))
+            return
+        body = encode_json(message) if as_json else encode(message)
+        query.reply(key, body, encoding=_encoding(type(message), as_json))
+
+
+def _answer_in(reply: zenoh.Reply, kind: type[M]) -> M | Refusal | None:
+    """Return the message in a reply, or why it was refused; None for an error of Zenoh's own, such as a time-out."""
+    if reply.ok is not None:
+        return decode(kind, reply.ok.payload.to_bytes(), str(reply.ok.encoding))
+    if reply.err is not None and str(reply.err.encoding) == encoding_of(Refusal):
+        return decode(Refusal, reply.err.payload.to_bytes(), encoding_of(Refusal))
+    return None
+
+
+def parameters_of(query: zenoh.Query) -> dict[str, str]:
+    """Return the parameters after the ``?`` of a query's selector."""
+    pairs = (part.partition("=") for part in str(query.parameters).split(";") if part)
+    return {name: value for name, _, value in pairs}
+
+
+def wants_json(form: str) -> bool:
+    """Return whether a query's ``format`` parameter asks for JSON. Raises BadPayloadError for an unknown form."""
+    if form not in ("json", "msgpack"):
+        raise BadPayloadError(f"format: expected json or msgpack, got {form[:20]!r}")
+    return form == "json"
+
+
+def _encoding(kind: type[Message], as_json: bool) -> str:
+    return "application/json" if as_json else encoding_of(kind)
+
+
+def _reason(error: TreenailError) -> Reason:
+    """Return the stable reason of a Refusal: an error's own, or the one of its kind."""
+    return error.reason if isinstance(error, RefusedError) else "bad_request"
+
+
+def _nothing(_: object) -> None:
+    """Wake the loop."""

@@ -1,0 +1,80 @@
+"""Zenoh sessions: every service is a client of one router; scouting off, explicit endpoints, timestamps on."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Sequence
+
+# Zenoh reads this once per process, before its first session. Fewer runtimes mean fewer wake-ups and so less latency,
+# but sending keeps a runtime of its own: a receiving thread that has to wait for room in the send queue would otherwise
+# wait for itself; see docs/decisions/0003-zenoh-runtime.md.
+os.environ.setdefault(
+    "ZENOH_RUNTIME", "(rx: (handover: app), net: (handover: app), acc: (handover: app), tx: (worker_threads: 1))"
+)
+
+import zenoh
+
+from services.wire.errors import CellError
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+LEASE_MS = 1000
+"""How long a silent peer counts as present; a dead process is noticed at once, a frozen host after this."""
+
+_PRIORITIES = (
+    "control",
+    "real_time",
+    "interactive_high",
+    "interactive_low",
+    "data_high",
+    "data",
+    "data_low",
+    "background",
+)
+
+
+def _config(settings: dict[str, object]) -> zenoh.Config:
+    common: dict[str, object] = {
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "timestamping": {"enabled": True},
+        "transport": {
+            "link": {"tx": {"lease": LEASE_MS, "queue": {"size": dict.fromkeys(_PRIORITIES, 16)}}},
+            "shared_memory": {"enabled": False},
+        },
+    }
+    return zenoh.Config.from_json5(json.dumps({**common, **settings}))
+
+
+def open_client(endpoints: Sequence[str], timeout_s: float = 30.0) -> zenoh.Session:
+    """Return a session with the router at one of ``endpoints``, waiting for it to come up.
+
+    Raises CellError when none answers within ``timeout_s`` or an endpoint is malformed.
+    """
+    retry = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2}
+    connect = {"endpoints": list(endpoints), "timeout_ms": int(timeout_s * 1000), "retry": retry}
+    try:
+        return zenoh.open(_config({"mode": "client", "connect": connect}))
+    except zenoh.ZError as error:
+        where = ", ".join(endpoints)
+        waited = f"none answered within {timeout_s:g} s"
+        raise CellError(f"router: expected one at {where}, {waited} ({_brief(error)})") from None
+
+
+def open_router(endpoints: Sequence[str]) -> zenoh.Session:
+    """Return a session that is Zenoh's own router, listening on ``endpoints``. Raises CellError when it cannot."""
+    settings: dict[str, object] = {
+        "mode": "router",
+        "listen": {"endpoints": list(endpoints)},
+        "connect": {"endpoints": []},
+        "adminspace": {"enabled": True},
+    }
+    try:
+        return zenoh.open(_config(settings))
+    except zenoh.ZError as error:
+        where = ", ".join(endpoints)
+        raise CellError(f"router: cannot listen on {where}: is the port taken? ({_brief(error)})") from None
+
+
+def _brief(error: Exception) -> str:
+    """Return the first sentence of one of Zenoh's many-part errors."""
+    return str(error).split(" at ")[0].strip()[:200] or type(error).__name__

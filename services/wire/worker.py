@@ -1,0 +1,170 @@
+"""A stateless worker: its memory is a fold over the run, loaded from checkpoint and journal, and caught up when behind.
+
+A worker never acts on a blank memory: without an answer from the store it waits, and says so. What it folds is
+numbered without gaps, so that it notices by itself when something is missing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Generic, Protocol, TypeVar
+
+from services.wire.codec import contract_sha256
+from services.wire.errors import ContractError, DivergedError, FoldError, ForeignRunError, GapError, NoAnswerError
+from services.wire.keys import EXPERIMENT, JOURNAL_BLOCK, TASK_STEPS
+from services.wire.messages import Checkpoint, Experiment, JournalEpisode, RunRecord
+from services.wire.service import Service
+
+CHECKPOINT_EVERY = 20
+"""Episodes between checkpoints; what lies after the newest one is replayed from the journal."""
+
+
+class Fold(Protocol):
+    """What a worker needs of its memory."""
+
+    decisions: int
+
+    def replay(self, journal: JournalEpisode) -> None:
+        """Fold what is new of a journal entry."""
+
+    def snapshot(self) -> dict[str, bytes | int]:
+        """Return the memory between episodes."""
+
+    def restore(self, snapshot: Mapping[str, bytes | int]) -> None:
+        """Take over a memory; ValueError when it does not fit."""
+
+
+F = TypeVar("F", bound=Fold)
+
+
+class Worker(Generic[F]):
+    """A service whose memory is a fold of the run that the task runs."""
+
+    def __init__(self, service: Service, blank: Callable[[Experiment], F]) -> None:
+        self.service = service
+        self._blank = blank
+        self._checkpointed = 0
+        self._stale = False
+        self.experiment: Experiment
+        self.fold: F
+
+    def load(self) -> bool:
+        """Learn from the task what runs, and load the memory of it from the store; False when stopped meanwhile."""
+        service = self.service
+        experiment = service.wait_for("task (no experiment)", self._ask_experiment)
+        if experiment is None:
+            return False
+        self.experiment = experiment
+        service.run = experiment.run
+        fold = service.wait_for("store (no memory of this run)", self._remember)
+        if fold is None:
+            return False
+        self.fold = fold
+        self._stale = False
+        service.log.info("memory of run %s: %d decisions", experiment.run, fold.decisions)
+        return True
+
+    def loop(self) -> None:
+        """Work until stopped, loading another run's memory when the task has changed to one."""
+        while not self.service.stopping:
+            self.service.work(1.0)
+            if self._stale:
+                self._stale = not self.load()
+
+    def catching_up(self, apply: Callable[[], None]) -> None:
+        """Apply one message; when something before it is missing, fetch that from task and journal and try again.
+
+        A message that still cannot be applied is refused: the task sends it again.
+        """
+        try:
+            try:
+                apply()
+            except GapError:
+                self._catch_up()
+                apply()
+        except ForeignRunError:
+            self._look_for_another_run()
+            raise
+
+    def checkpoint_before(self, episode: int) -> None:
+        """Put a checkpoint of the memory after all episodes before ``episode``, when it is time for one."""
+        if episode // CHECKPOINT_EVERY == self._checkpointed // CHECKPOINT_EVERY:
+            return
+        self._checkpointed = episode
+        service = self.service
+        checkpoint = Checkpoint(
+            run=self.experiment.run,
+            service=service.name,
+            episode=episode,
+            decisions=self.fold.decisions,
+            contract_sha256=contract_sha256(),
+            snapshot=self.fold.snapshot(),
+        )
+        service.put(service.keys.checkpoint(checkpoint.run, service.name, episode), checkpoint)
+        service.put(service.keys.checkpoint_latest(checkpoint.run, service.name), checkpoint)
+
+    # -- details -------------------------------------------------------------------------------------------------
+
+    def _ask_experiment(self) -> Experiment | None:
+        try:
+            return self.service.fetch(EXPERIMENT, Experiment)
+        except (NoAnswerError, ContractError) as error:
+            self.service.complain(str(error), topic="experiment")
+            return None
+
+    def _remember(self) -> F | None:
+        """Return the memory that the store has of this run, or None while the store does not know the run."""
+        run = self.experiment.run
+        try:
+            records = self.service.fetch_all(f"journal/{run}/run", RunRecord)
+            if len(records) != 1:
+                return None
+            fold = self._blank(self.experiment)
+            first = self._restore(fold)
+            self._replay_journal(fold, first // JOURNAL_BLOCK)
+        except (ContractError, FoldError) as error:
+            self.service.complain(f"memory: {error}", topic="memory")
+            return None
+        return fold
+
+    def _restore(self, fold: F) -> int:
+        """Restore the newest checkpoint and return the episode that it stands before; 0 when there is none."""
+        service, run = self.service, self.experiment.run
+        found = service.fetch_all(f"checkpoint/{run}/{service.name}/latest", Checkpoint)
+        if not found:
+            return 0
+        checkpoint = found[0]
+        if (checkpoint.run, checkpoint.service) != (run, service.name):
+            raise DivergedError(f"checkpoint: expected {service.name} of run {run}, got {checkpoint.service}")
+        try:
+            fold.restore(checkpoint.snapshot)
+        except ValueError as error:
+            raise DivergedError(f"checkpoint before episode {checkpoint.episode}: {error}") from error
+        self._checkpointed = checkpoint.episode
+        return checkpoint.episode
+
+    def _replay_journal(self, fold: F, block: int) -> None:
+        """Fold all that the journal has from a block on."""
+        while entries := self.service.fetch_all(f"journal/{self.experiment.run}/{block:06d}/*", JournalEpisode, 10.0):
+            for entry in entries:
+                fold.replay(entry)
+            block += 1
+
+    def _catch_up(self) -> None:
+        """Fold what happened without us: whole episodes from the journal, then the one under way from the task."""
+        before = self.fold.decisions
+        under_way = self.service.fetch(TASK_STEPS, JournalEpisode)
+        if under_way.run != self.experiment.run:
+            raise ForeignRunError(f"task: expected run {self.experiment.run}, got {under_way.run}")
+        if under_way.first_decision > self.fold.decisions:
+            known = self._remember()
+            if known is None:
+                raise GapError("journal: expected an answer from the store, got none")
+            if known.decisions > self.fold.decisions:
+                self.fold = known
+        self.fold.replay(under_way)
+        self.service.log.info("caught up: decisions %d to %d", before, self.fold.decisions)
+
+    def _look_for_another_run(self) -> None:
+        experiment = self._ask_experiment()
+        self._stale = experiment is not None and experiment.run != self.experiment.run
