@@ -1,0 +1,155 @@
+"""The agent as a pure fold: its memory after decision n is a function of definition, seed, states and rewards 0..n."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from services.agent.learning import Learner
+from services.wire.definition import Definition
+from services.wire.errors import DivergedError, ForeignRunError, GapError
+from services.wire.messages import Action, JournalEpisode, Reward, State
+
+
+class AgentFold:
+    """A learner with a place in the run: decisions seen before are answered again, and nothing is learnt twice."""
+
+    def __init__(self, definition: Definition, run: str, seed: int) -> None:
+        self.learner = Learner(definition.moves.actions, definition.learner, definition.policy, seed)
+        self.run = run
+        self.decisions = 0
+        """States folded so far: the decision number that comes next."""
+        self.rewards = 0
+        """Rewards folded so far: never more than ``decisions``, never less than one below."""
+        self.episode = 0
+        """Episode of the last state folded."""
+        self._previous: tuple[int, int, float] | None = None
+        self._answers: dict[int, tuple[State, Action]] = {}
+        self._received: dict[int, Reward] = {}
+
+    def decide(self, state: State) -> Action:
+        """Return the action for a state, after learning from the reward before it.
+
+        Raises ForeignRunError, GapError (states, or the reward before this one, are missing; nothing is changed) or
+        DivergedError (this decision was seen with another state).
+        """
+        if state.run != self.run:
+            raise ForeignRunError(f"state: expected run {self.run}, got {state.run}")
+        if state.decision < self.decisions:
+            return self._again(state)
+        if state.decision > self.decisions:
+            raise GapError(f"state: expected decision {self.decisions}, got {state.decision}")
+        if self.rewards < self.decisions:
+            raise GapError(f"state: the reward of decision {self.decisions - 1} is missing")
+        if state.episode < self.episode:
+            raise DivergedError(f"state: expected episode {self.episode} or later, got {state.episode}")
+        if state.episode > self.episode:
+            self._answers.clear()
+            self._received.clear()
+            self.episode = state.episode
+        chosen = self.learner.decide(self._previous, state.state, state.episode, state.step)
+        self._previous = None
+        action = Action(
+            run=self.run,
+            episode=state.episode,
+            step=state.step,
+            decision=state.decision,
+            state=state.state,
+            action=chosen,
+            policy_version=self.learner.version,
+        )
+        self._answers[state.decision] = (state, action)
+        self.decisions += 1
+        return action
+
+    def reward(self, reward: Reward) -> bool:
+        """Take the reward of the last decision; True when it was new.
+
+        Raises ForeignRunError, GapError (its decision has not been taken here) or DivergedError (another reward came
+        for this decision before).
+        """
+        if reward.run != self.run:
+            raise ForeignRunError(f"reward: expected run {self.run}, got {reward.run}")
+        if reward.decision < self.rewards:
+            known = self._received.get(reward.decision)
+            if known is not None and known != reward:
+                raise DivergedError(f"reward: decision {reward.decision} came again with another reward")
+            return False
+        if reward.decision >= self.decisions:
+            raise GapError(f"reward: expected one below decision {self.decisions}, got {reward.decision}")
+        _, action = self._answers[reward.decision]
+        previous = (action.state, action.action, reward.reward)
+        if reward.terminal is None:
+            self._previous = previous
+        else:
+            self.learner.finish(previous)
+        self._received[reward.decision] = reward
+        self.rewards += 1
+        return True
+
+    @property
+    def between_episodes(self) -> bool:
+        """True when nothing of an episode is under way, so that ``snapshot`` is complete."""
+        return self.rewards == self.decisions and self._previous is None
+
+    def replay(self, journal: JournalEpisode) -> None:
+        """Fold what is new of a journal entry; raises like ``decide``, also when the actions differ."""
+        for offset, step in enumerate(journal.steps):
+            decision = journal.first_decision + offset
+            if decision < self.rewards or step.state is None:
+                continue
+            action = self.decide(
+                State(
+                    run=journal.run,
+                    episode=journal.episode,
+                    step=step.step,
+                    decision=decision,
+                    state=step.state,
+                    states=step.state + 1,
+                    match=0.0,
+                )
+            )
+            if step.action is not None and step.action != action.action:
+                raise DivergedError(
+                    f"replay: decision {decision}: journal has action {step.action}, got {action.action}"
+                )
+            if step.reward is not None:
+                ended = journal.summary is not None and offset == len(journal.steps) - 1
+                self.reward(
+                    Reward(
+                        run=journal.run,
+                        episode=journal.episode,
+                        step=step.step,
+                        decision=decision,
+                        reward=step.reward,
+                        terminal=journal.summary.outcome if ended and journal.summary is not None else None,
+                    )
+                )
+
+    def snapshot(self) -> dict[str, bytes | int]:
+        """Return the memory. Raises ValueError when an episode is under way."""
+        if not self.between_episodes:
+            raise ValueError("agent checkpoint: expected to be between episodes")
+        return {**self.learner.snapshot(), "fold_decisions": self.decisions, "fold_episode": self.episode}
+
+    def restore(self, snapshot: Mapping[str, bytes | int]) -> None:
+        """Take over a memory. Raises ValueError, with nothing changed, when it does not fit."""
+        memory = dict(snapshot)
+        decisions, episode = memory.pop("fold_decisions", None), memory.pop("fold_episode", None)
+        if not isinstance(decisions, int) or not isinstance(episode, int):
+            raise ValueError("agent checkpoint: expected whole numbers fold_decisions and fold_episode")
+        self.learner.restore(memory)
+        self.decisions = self.rewards = decisions
+        self.episode = episode
+        self._previous = None
+        self._answers.clear()
+        self._received.clear()
+
+    def _again(self, state: State) -> Action:
+        known = self._answers.get(state.decision)
+        if known is None:
+            raise DivergedError(f"state: decision {state.decision} lies in an earlier episode than {self.episode}")
+        if known[0].state != state.state:
+            raise DivergedError(
+                f"state: decision {state.decision} came again as state {state.state}, was {known[0].state}"
+            )
+        return known[1]

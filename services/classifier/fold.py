@@ -1,0 +1,97 @@
+"""The classifier as a pure fold: its memory after decision n is a function of the definition and observations 0..n."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from services.classifier.art2 import Art2
+from services.wire.definition import Definition
+from services.wire.errors import DivergedError, ForeignRunError, GapError
+from services.wire.messages import JournalEpisode, Observation, State
+
+
+class ClassifierFold:
+    """ART2 with a place in the run: what was seen before is answered again and not learnt twice."""
+
+    def __init__(self, definition: Definition, run: str) -> None:
+        self.art2 = Art2(definition.classifier)
+        self.run = run
+        self.decisions = 0
+        """Observations folded so far: the decision number that comes next."""
+        self.episode = 0
+        """Episode of the last observation folded."""
+        self._answers: dict[int, tuple[Observation, State]] = {}
+
+    def observe(self, observation: Observation) -> State:
+        """Return the state of an observation, learning it if it is new.
+
+        Raises ForeignRunError, GapError (observations before it are missing; nothing is changed) or DivergedError
+        (this decision was seen with another sample).
+        """
+        if observation.run != self.run:
+            raise ForeignRunError(f"observation: expected run {self.run}, got {observation.run}")
+        if observation.decision < self.decisions:
+            return self._again(observation)
+        if observation.decision > self.decisions:
+            raise GapError(f"observation: expected decision {self.decisions}, got {observation.decision}")
+        if observation.episode < self.episode:
+            raise DivergedError(f"observation: expected episode {self.episode} or later, got {observation.episode}")
+        if observation.episode > self.episode:
+            self._answers.clear()
+            self.episode = observation.episode
+        found = self.art2.learn(observation.force_n, observation.torque_nm)
+        state = State(
+            run=self.run,
+            episode=observation.episode,
+            step=observation.step,
+            decision=observation.decision,
+            state=found.state,
+            states=found.states,
+            match=found.match,
+        )
+        self._answers[observation.decision] = (observation, state)
+        self.decisions += 1
+        return state
+
+    def replay(self, journal: JournalEpisode) -> None:
+        """Fold the decisions of a journal entry that are new; raises like ``observe``, also when states differ."""
+        for offset, step in enumerate(journal.steps):
+            decision = journal.first_decision + offset
+            if decision < self.decisions:
+                continue
+            state = self.observe(
+                Observation(
+                    run=journal.run,
+                    episode=journal.episode,
+                    step=step.step,
+                    decision=decision,
+                    force_n=step.force_n,
+                    torque_nm=step.torque_nm,
+                )
+            )
+            if step.state is not None and step.state != state.state:
+                raise DivergedError(f"replay: decision {decision}: journal has state {step.state}, got {state.state}")
+
+    def snapshot(self) -> dict[str, bytes | int]:
+        """Return the memory, to be taken between episodes."""
+        return {**self.art2.snapshot(), "fold_decisions": self.decisions, "fold_episode": self.episode}
+
+    def restore(self, snapshot: Mapping[str, bytes | int]) -> None:
+        """Take over a memory. Raises ValueError, with nothing changed, when it does not fit."""
+        memory = dict(snapshot)
+        decisions, episode = memory.pop("fold_decisions", None), memory.pop("fold_episode", None)
+        if not isinstance(decisions, int) or not isinstance(episode, int):
+            raise ValueError("classifier checkpoint: expected whole numbers fold_decisions and fold_episode")
+        self.art2.restore(memory)
+        self.decisions, self.episode = decisions, episode
+        self._answers.clear()
+
+    def _again(self, observation: Observation) -> State:
+        known = self._answers.get(observation.decision)
+        if known is None:
+            raise DivergedError(
+                f"observation: decision {observation.decision} lies in an earlier episode than {self.episode}"
+            )
+        if known[0] != observation:
+            raise DivergedError(f"observation: decision {observation.decision} came again with another sample")
+        return known[1]

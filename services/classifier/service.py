@@ -1,0 +1,51 @@
+"""The classifier on the bus: observations in, contact states out."""
+
+from __future__ import annotations
+
+from services.classifier.fold import ClassifierFold
+from services.wire.keys import CLASSIFIER_STATES, OBSERVATION, STATE
+from services.wire.messages import ClassifierStates, Experiment, Observation, State
+from services.wire.service import Options, Service
+from services.wire.worker import Worker
+
+
+def blank(experiment: Experiment) -> ClassifierFold:
+    """Return the memory of a classifier that has seen nothing."""
+    return ClassifierFold(experiment.definition, experiment.run)
+
+
+def serve(options: Options) -> None:
+    """Run the classifier until it is stopped."""
+    with Service("classifier", options) as service:
+        service.claim()
+        worker: Worker[ClassifierFold] = Worker(service, blank)
+        if not worker.load():
+            return
+        publish = service.publisher(STATE, State)
+
+        def observe(observation: Observation) -> None:
+            def apply() -> None:
+                if observation.episode > worker.fold.episode:
+                    worker.checkpoint_before(observation.episode)
+                publish(worker.fold.observe(observation))
+
+            worker.catching_up(apply)
+
+        service.subscribe(OBSERVATION, Observation, observe)
+        service.answer(CLASSIFIER_STATES, lambda _: states(worker))
+        service.ready()
+        worker.loop()
+
+
+def states(worker: Worker[ClassifierFold]) -> ClassifierStates:
+    """Answer ``classifier/states``."""
+    fold = worker.fold
+    return ClassifierStates(
+        run=fold.run,
+        decisions=fold.decisions,
+        states=fold.art2.states,
+        encoding=worker.experiment.definition.classifier.encoding,
+        prototypes=tuple(tuple(row) for row in fold.art2.prototypes.tolist()),
+        counts=tuple(fold.art2.counts.tolist()),
+        digest=fold.art2.digest(),
+    )
