@@ -1,0 +1,103 @@
+"""The simulated cell: the contact world behind the messages of a robot and a sensor, with noise, clock and guard.
+
+What a motion gives depends on the definition, the seed, the episode's start pose and its motions so far, and on
+nothing else: a cell that was killed is brought back by the same ``home`` and the same motions.
+"""
+
+from __future__ import annotations
+
+import math
+
+from services.sim.guard import Guard
+from services.sim.pose import Pose
+from services.sim.world import Reading, World
+from services.wire.actions import Increment
+from services.wire.definition import Definition
+from services.wire.errors import RefusedError
+from services.wire.messages import Force, FtPacket, Home, Move, Moved, Torque
+from services.wire.randomness import Role, generator
+
+MOTION_NS = 20_000_000
+"""Simulated time that one motion takes."""
+_MOTIONS_PER_EPISODE = 2**17
+
+
+class OutOfOrderError(RefusedError):
+    """A motion that is neither the next one nor the last one again."""
+
+    reason = "out_of_order"
+
+
+class GuardError(RefusedError):
+    """A motion that the guard refuses."""
+
+    reason = "guard"
+
+
+class OtherRunError(RefusedError):
+    """A motion of another run than this cell's."""
+
+    reason = "foreign_run"
+
+
+class SimulatedCell:
+    """Robot and sensor of one run."""
+
+    def __init__(self, definition: Definition, run: str, seed: int) -> None:
+        self.world = World(definition)
+        self._noise = definition.noise
+        self._guard = Guard(definition)
+        self._run = run
+        self._seed = seed
+        self._last: Home | Move | None = None
+        self._answer: tuple[Moved, FtPacket] | None = None
+
+    def home(self, home: Home) -> tuple[Moved, FtPacket]:
+        """Put the peg at the start pose of an episode; may be called at any time. Raises OtherRunError."""
+        self._check_run(home.run)
+        pose = Pose.from_tilt(home.x_mm, home.y_mm, home.z_mm, home.rx_deg, home.ry_deg, home.rz_deg)
+        reading = self.world.home(pose)
+        return self._remember(home, self._felt(home.episode, 0, Increment(), reading))
+
+    def move(self, move: Move) -> tuple[Moved, FtPacket]:
+        """Make the next motion, or answer the last one again.
+
+        Raises OutOfOrderError for any other step, GuardError for a motion beyond the limits, OtherRunError for
+        another run; nothing moves then.
+        """
+        self._check_run(move.run)
+        if self._answer is not None and move == self._last:
+            return self._answer
+        done, packet = self._answer or (None, None)
+        if done is None or packet is None or (move.episode, move.step) != (done.episode, done.step + 1):
+            at = "not homed" if done is None else f"at episode {done.episode}, step {done.step}"
+            raise OutOfOrderError(f"move: cannot make step {move.step} of episode {move.episode}: the robot is {at}")
+        complaint = self._guard.complaint(move, math.hypot(*packet.force_n[-1]))
+        if complaint is not None:
+            raise GuardError(complaint)
+        increment = Increment(move.dx_mm, move.dy_mm, move.dz_mm, move.rx_deg, move.ry_deg, move.rz_deg)
+        reading = self.world.move(increment)
+        return self._remember(move, self._felt(move.episode, move.step, increment, reading))
+
+    def _check_run(self, run: str) -> None:
+        if run != self._run:
+            raise OtherRunError(f"robot: this cell runs {self._run}, got a motion of run {run}")
+
+    def _remember(self, request: Home | Move, answer: tuple[Moved, FtPacket]) -> tuple[Moved, FtPacket]:
+        self._last, self._answer = request, answer
+        return answer
+
+    def _felt(self, episode: int, step: int, applied: Increment, reading: Reading) -> tuple[Moved, FtPacket]:
+        number = episode * _MOTIONS_PER_EPISODE + step
+        force_n, torque_nm = self._sense(reading, episode, step)
+        moved = Moved(run=self._run, episode=episode, step=step, arrived_t_ns=number * MOTION_NS, **applied._asdict())
+        return moved, FtPacket(sequence=number, t_ns=number * MOTION_NS, force_n=(force_n,), torque_nm=(torque_nm,))
+
+    def _sense(self, reading: Reading, episode: int, step: int) -> tuple[Force, Torque]:
+        noise = self._noise
+        if noise.force_n == 0.0 and noise.torque_nm == 0.0:
+            return reading.force_n, reading.torque_nm
+        draw = generator(self._seed, Role.SENSOR_NOISE, episode, step).standard_normal(6).tolist()
+        fx, fy, fz = (value + noise.force_n * z for value, z in zip(reading.force_n, draw[:3], strict=True))
+        tx, ty, tz = (value + noise.torque_nm * z for value, z in zip(reading.torque_nm, draw[3:], strict=True))
+        return (fx, fy, fz), (tx, ty, tz)

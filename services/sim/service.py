@@ -1,0 +1,86 @@
+"""The simulator on the bus: what robot_link and a sensor would be, with the same messages."""
+
+from __future__ import annotations
+
+import time
+
+from services.sim.cell import SimulatedCell
+from services.wire.errors import ContractError, NoAnswerError
+from services.wire.keys import EXPERIMENT, FT, HOME, MOVE, TRUTH
+from services.wire.messages import Experiment, FtPacket, Home, Move, Moved, Truth
+from services.wire.service import Options, Request, Service
+
+TRUTH_EVERY_S = 1 / 30
+
+
+def serve(options: Options) -> None:
+    """Run the simulator until it is stopped."""
+    with Service("sim", options) as service:
+        service.claim()
+        shell = SimShell(service)
+        if not shell.load():
+            return
+        service.answer(HOME, shell.on_home)
+        service.answer(MOVE, shell.on_move)
+        service.ready()
+        service.loop()
+
+
+class SimShell:
+    """Answers motions with what was applied, after publishing what was felt."""
+
+    def __init__(self, service: Service) -> None:
+        self._service = service
+        self._publish_ft = service.publisher(FT, FtPacket)
+        self._publish_truth = service.publisher(TRUTH, Truth, drop=True)
+        self._next_truth = 0.0
+        self._cell: SimulatedCell
+
+    def load(self) -> bool:
+        """Learn from the task what to simulate, and build it; False when stopped meanwhile."""
+        experiment = self._service.wait_for("task (no experiment)", self._ask)
+        if experiment is not None:
+            self._build(experiment)
+        return experiment is not None
+
+    def on_home(self, request: Request) -> Moved:
+        """Answer ``home``; another run's is taken when the task says that this is what runs now."""
+        home = request.message(Home)
+        if home.run != self._service.run:
+            experiment = self._ask()
+            if experiment is not None and experiment.run == home.run:
+                self._build(experiment)
+        return self._publish(*self._cell.home(home))
+
+    def on_move(self, request: Request) -> Moved:
+        """Answer ``move``."""
+        return self._publish(*self._cell.move(request.message(Move)))
+
+    def _ask(self) -> Experiment | None:
+        try:
+            return self._service.fetch(EXPERIMENT, Experiment)
+        except (NoAnswerError, ContractError) as error:
+            self._service.complain(str(error), topic="experiment")
+            return None
+
+    def _build(self, experiment: Experiment) -> None:
+        self._cell = SimulatedCell(experiment.definition, experiment.run, experiment.seed)
+        self._service.run = experiment.run
+
+    def _publish(self, moved: Moved, packet: FtPacket) -> Moved:
+        self._publish_ft(packet)
+        now = time.monotonic()
+        if now >= self._next_truth:
+            self._next_truth = now + TRUTH_EVERY_S
+            world = self._cell.world
+            self._publish_truth(
+                Truth(
+                    run=moved.run,
+                    episode=moved.episode,
+                    step=moved.step,
+                    flange=world.flange,
+                    peg=world.peg,
+                    contact=world.contact_state(),
+                )
+            )
+        return moved

@@ -1,0 +1,309 @@
+"""The contact world: a peg on a compliant wrist, a hole, and the force/torque that the wrist's sensor reads.
+
+Physics is PhysX through SAPIEN on the CPU, in millimetres, so its forces come out in mN and its torques in uN m. The
+flange is a moving target; a six-axis spring (``Wrist``) ties the peg, a dynamic convex body, to it; the reading is
+the spring's load. Gravity is off, as if the sensor had been zeroed with the peg in the air. While the commanded path
+is clear of all material no physics runs at all: the reading is exactly zero.
+
+The forces of an episode are a function of the definition and of the calls since ``home`` and of nothing else: not of
+earlier episodes, other worlds or the process.
+"""
+
+from __future__ import annotations
+
+import math
+import warnings
+from typing import NamedTuple
+
+import numpy as np
+
+with warnings.catch_warnings():
+    # SAPIEN looks for a renderer on import and warns when there is none; none is used here.
+    warnings.simplefilter("ignore")
+    import sapien
+    from sapien import physx
+
+from services.sim.contact_state import FREE, ContactPoint, label
+from services.sim.geometry import Geometry, Vertices, geometry_of, hole_pieces, is_free_move, peg_vertices
+from services.sim.pose import (
+    Pose,
+    Vector,
+    between,
+    conjugate,
+    multiply,
+    require_finite,
+    rotate,
+    rotation_vector,
+)
+from services.wire.actions import Increment
+from services.wire.definition import Definition
+
+STEP_S = 0.002
+"""Time step of the physics."""
+TRAVEL_MM = 0.04
+"""Most the flange travels in one time step; a move of 0.2 mm takes 5."""
+TRAVEL_DEG = 0.04
+"""Most the flange turns in one time step."""
+SETTLE_STEPS = 40
+"""Most time steps after the flange has stopped; fewer when the peg stands still."""
+STILL_MM = 2e-6
+"""A peg that moved less than this in a time step stands still; about the last bit of its position, 0.03 mN."""
+STILL_TURN = 2e-7
+"""The same for the components of its quaternion."""
+STILL_STEPS = 5
+"""So many still time steps in a row end the settling."""
+RESPONSE_PER_S = 400.0
+"""Natural frequency of the peg on its spring [rad/s]; the peg's mass and inertia follow from it and the stiffness.
+
+A settled reading hardly depends on it. It is chosen so that the spring settles well within the time steps above.
+"""
+SLERP_FACTOR = 4.0
+"""PhysX's rotational drive works on the imaginary part of the quaternion, half the angle, and with half the lever: a
+quarter of the stiffness asked for. Measured with known torques; ``test_torque_is_lever_times_force`` watches it.
+"""
+SOLVER_ITERATIONS = 60
+CONTACT_OFFSET_MM = 0.03
+"""Distance at which PhysX begins to watch two surfaces; a greater one costs time and changes nothing."""
+SILENT_N = 0.002
+"""A settled load below this is what the solver leaves of no contact at all: the reading is zero."""
+
+
+class Reading(NamedTuple):
+    """What the sensor says after a move: load on the peg by its surroundings, in the tool frame of the flange.
+
+    Pressing the tip onto something in the direction of insertion gives a negative Z force.
+    """
+
+    force_n: Vector
+    """Settled force [N], shape (3,)."""
+    torque_nm: Vector
+    """Settled torque [N m], shape (3,), about the point ``sensor_height_mm`` back from the tip."""
+    peak_force_n: float
+    """Greatest magnitude of the force during the move and its settling [N], the settled force included.
+
+    Where physics ran it includes the peg's inertia, up to about 0.2 N for a move of 0.2 mm.
+    """
+
+
+AT_REST = np.zeros(3, dtype=np.float32)
+NO_LOAD = Reading((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+
+
+class World:
+    """One peg over one hole. ``home`` begins an episode, ``move`` goes on with it."""
+
+    def __init__(self, definition: Definition, *, _always_physics: bool = False) -> None:
+        """Build the scene of ``definition.parts``, ``contact`` and ``wrist``; the peg is nowhere before ``home``.
+
+        ``_always_physics`` switches the shortcut through free space off, for tests of the shortcut.
+        """
+        self._geometry = geometry_of(definition.parts)
+        self._anchor_mm = -definition.wrist.sensor_height_mm
+        self._stiffness = definition.wrist.stiffness_n_per_mm * 1e3  # mN/mm
+        self._stiffness_turn = definition.wrist.stiffness_nm_per_rad * 1e6  # uN m/rad
+        self._always_physics = _always_physics
+        self._scene, self._system, self._body, self._drive = _build(self._geometry, definition)
+        self._flange: Pose | None = None
+        self._at_flange = True
+
+    @property
+    def flange(self) -> Pose:
+        """Commanded pose of the tip in the hole frame: where it is unless something pushes."""
+        if self._flange is None:
+            raise RuntimeError("world: expected home() before anything else, got none")
+        return self._flange
+
+    @property
+    def peg(self) -> Pose:
+        """Actual pose of the tip in the hole frame."""
+        return self.flange if self._at_flange else self._pose_now()
+
+    def contact_state(self) -> str:
+        """True contact state by ``services.sim.contact_state.label``, for evaluation only."""
+        if self._at_flange:
+            return FREE
+        points = [
+            ContactPoint(tuple(point.position.tolist()), math.hypot(*point.impulse.tolist()) / STEP_S * 1e-3)
+            for contact in self._system.get_contacts()
+            for point in contact.points
+        ]
+        return label(points, self._geometry, self.peg)
+
+    def home(self, pose: Pose) -> Reading:
+        """Put flange and peg at ``pose``, at rest, and begin afresh.
+
+        Raises:
+            ValueError: if a number of the pose is not finite.
+        """
+        require_finite("home pose", pose)
+        # One time step far from the hole makes PhysX forget every contact, so no episode can remember the last one.
+        self._place(Pose(0.0, 0.0, -1000.0 - 10.0 * self._geometry.depth))
+        self._system.step()
+        self._flange = pose
+        self._at_flange = True
+        return self._go(pose)
+
+    def move(self, increment: Increment) -> Reading:
+        """Move the flange by one increment in its tool frame and let the peg settle.
+
+        Raises:
+            ValueError: if a number of the increment is not finite; nothing has moved then.
+            RuntimeError: before the first ``home``.
+        """
+        require_finite("increment", increment)
+        return self._go(self.flange.moved(increment))
+
+    def _go(self, target: Pose) -> Reading:
+        """Take the flange to ``target`` and read the sensor.
+
+        The shortcut needs the peg at its flange: one that is held off may be jammed, and only physics knows.
+        """
+        start = self.flange
+        if self._at_flange and not self._always_physics and is_free_move(self._geometry, start, target):
+            self._flange = target
+            return NO_LOAD
+        if self._at_flange:
+            self._place(start)
+        peak = self._travel(start, target)
+        self._flange = target
+        force, torque = self._load()
+        magnitude = math.hypot(*force)
+        if magnitude < SILENT_N:
+            self._at_flange = True
+            return NO_LOAD._replace(peak_force_n=peak)
+        self._at_flange = False
+        return Reading(force, torque, max(peak, magnitude))
+
+    def _place(self, pose: Pose) -> None:
+        """Put the peg at ``pose``, at rest, with the spring relaxed."""
+        body = self._body
+        body.entity.set_pose(_sapien_pose(pose))
+        body.set_linear_velocity(AT_REST)
+        body.set_angular_velocity(AT_REST)
+        self._drive.set_drive_velocity_target(AT_REST, AT_REST)
+        self._drive.set_drive_target(self._anchor(pose))
+
+    def _anchor(self, pose: Pose) -> sapien.Pose:
+        return sapien.Pose(pose.point(self._anchor_mm), pose.orientation)
+
+    def _travel(self, start: Pose, target: Pose) -> float:
+        """Take the flange from start to target and let the peg settle; the greatest force [N] on the way."""
+        path = rotation_vector(multiply(target.orientation, conjugate(start.orientation)))
+        turn_deg = math.degrees(math.hypot(*path))
+        steps = max(1, math.ceil(max(math.dist(start[:3], target[:3]) / TRAVEL_MM, turn_deg / TRAVEL_DEG) - 1e-6))
+        step, drive = self._system.step, self._drive
+        begin, end = start.point(self._anchor_mm), target.point(self._anchor_mm)
+        duration = steps * STEP_S
+        # The damper must act on the peg's speed relative to the flange, or a free peg would lag behind it.
+        drive.set_drive_velocity_target(
+            np.array([(b - a) / duration for a, b in zip(begin, end, strict=True)], dtype=np.float32),
+            np.array([component / duration for component in path], dtype=np.float32),
+        )
+        farthest = 0.0
+        for i in range(1, steps + 1):
+            waypoint = between(start, target, i / steps) if i < steps else target
+            drive.set_drive_target(self._anchor(waypoint))
+            step()
+            peg = self._pose_now()
+            farthest = max(farthest, math.dist(peg.point(self._anchor_mm), waypoint.point(self._anchor_mm)))
+        drive.set_drive_velocity_target(AT_REST, AT_REST)
+        return max(farthest, self._settle(end)) * self._stiffness * 1e-3
+
+    def _settle(self, anchor: Vector) -> float:
+        """Step until the peg stands still; the greatest distance [mm] of its end of the spring from the flange's."""
+        step, farthest, still = self._system.step, 0.0, 0
+        before = self._pose_now()
+        for _ in range(SETTLE_STEPS):
+            step()
+            now = self._pose_now()
+            farthest = max(farthest, math.dist(now.point(self._anchor_mm), anchor))
+            moved = max(abs(now[0] - before[0]), abs(now[1] - before[1]), abs(now[2] - before[2]))
+            turned = max(abs(now[i] - before[i]) for i in (3, 4, 5, 6))
+            still = still + 1 if moved <= STILL_MM and turned <= STILL_TURN else 0
+            if still == STILL_STEPS:
+                break
+            before = now
+        return farthest
+
+    def _pose_now(self) -> Pose:
+        """Pose of the peg in the physics."""
+        pose = self._body.entity_pose
+        return Pose(*pose.p.tolist(), *pose.q.tolist())
+
+    def _load(self) -> tuple[Vector, Vector]:
+        """The spring's load now: force [N] and torque [N m] on the peg by its surroundings, in the flange's tool frame.
+
+        The peg is at rest, so what the surroundings do to it is the opposite of what the spring does.
+        """
+        flange, peg = self.flange, self._pose_now()
+        at, home = peg.point(self._anchor_mm), flange.point(self._anchor_mm)
+        back = conjugate(flange.orientation)
+        shift = rotate(back, (at[0] - home[0], at[1] - home[1], at[2] - home[2]))
+        turn = rotation_vector(multiply(back, peg.orientation))
+        newton, newton_metre = self._stiffness * 1e-3, self._stiffness_turn * 1e-6
+        force = (shift[0] * newton, shift[1] * newton, shift[2] * newton)
+        torque = (turn[0] * newton_metre, turn[1] * newton_metre, turn[2] * newton_metre)
+        return force, torque
+
+
+def _sapien_pose(pose: Pose) -> sapien.Pose:
+    return sapien.Pose(pose.position, pose.orientation)
+
+
+def _shape(vertices: Vertices, material: physx.PhysxMaterial) -> physx.PhysxCollisionShapeConvexMesh:
+    return physx.PhysxCollisionShapeConvexMesh(vertices=vertices, scale=np.ones(3, dtype=np.float32), material=material)
+
+
+def _build(
+    geometry: Geometry, definition: Definition
+) -> tuple[sapien.Scene, physx.PhysxCpuSystem, physx.PhysxRigidDynamicComponent, physx.PhysxDriveComponent]:
+    """A scene with the hole fixed in the hole frame and the peg hanging on its spring."""
+    physx.set_scene_config(
+        gravity=np.zeros(3, dtype=np.float32),
+        # Both were measured: persistent manifolds make a peg in the bore rattle by 0.05 to 0.1 N from move to move,
+        # and the temporal Gauss-Seidel solver lets friction creep; without them a resting reading stays put.
+        enable_pcm=False,
+        enable_tgs=False,
+        enable_enhanced_determinism=True,
+        enable_friction_every_iteration=True,
+        cpu_workers=0,
+    )
+    physx.set_body_config(
+        solver_position_iterations=SOLVER_ITERATIONS, solver_velocity_iterations=1, sleep_threshold=0.0
+    )
+    physx.set_shape_config(contact_offset=CONTACT_OFFSET_MM, rest_offset=0.0)
+    system = physx.PhysxCpuSystem()
+    scene = sapien.Scene([system])
+    scene.set_timestep(STEP_S)
+    friction = definition.contact.friction
+    material = physx.PhysxMaterial(friction, friction, 0.0)
+
+    hole = physx.PhysxRigidStaticComponent()
+    for piece in hole_pieces(geometry):
+        hole.attach(_shape(piece, material))
+    hole_entity = sapien.Entity()
+    hole_entity.add_component(hole)
+    scene.add_entity(hole_entity)
+
+    body = physx.PhysxRigidDynamicComponent()
+    body.attach(_shape(peg_vertices(geometry), material))
+    stiffness = definition.wrist.stiffness_n_per_mm * 1e3
+    stiffness_turn = definition.wrist.stiffness_nm_per_rad * 1e6
+    body.set_mass(stiffness / RESPONSE_PER_S**2)
+    body.set_inertia(np.full(3, stiffness_turn / RESPONSE_PER_S**2, dtype=np.float32))
+    anchor = sapien.Pose([0.0, 0.0, -definition.wrist.sensor_height_mm])
+    body.set_cmass_local_pose(anchor)
+    body.set_linear_damping(0.0)
+    body.set_angular_damping(0.0)
+    entity = sapien.Entity()
+    entity.add_component(body)
+    drive = physx.PhysxDriveComponent(body)
+    drive.set_pose_in_child(anchor)
+    damping = 2.0 * stiffness / RESPONSE_PER_S
+    drive.set_drive_property_x(stiffness, damping)
+    drive.set_drive_property_y(stiffness, damping)
+    drive.set_drive_property_z(stiffness, damping)
+    drive.set_drive_property_slerp(SLERP_FACTOR * stiffness_turn, SLERP_FACTOR * 2.0 * stiffness_turn / RESPONSE_PER_S)
+    entity.add_component(drive)
+    scene.add_entity(entity)
+    return scene, system, body, drive

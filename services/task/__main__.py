@@ -1,0 +1,26 @@
+"""``python -m services.task``: one insertion task."""
+
+from __future__ import annotations
+
+import sys
+
+from services.task.service import serve
+from services.wire import command
+from services.wire.definition_file import load
+
+
+def main() -> None:
+    """Parse the command line, check the definition, and serve."""
+    parser = command.parser("task", __doc__)
+    parser.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file of the definition")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the run, from 0 (default: 0)")
+    parser.add_argument("--episodes", type=int, help="length of the run (default: the definition's)")
+    arguments = parser.parse_args()
+    definition = load(arguments.experiment, arguments.set)
+    episodes = definition.episodes if arguments.episodes is None else arguments.episodes
+    serve(command.options(arguments), definition, arguments.seed, episodes)
+
+
+if __name__ == "__main__":
+    sys.exit(command.run("task", main))

@@ -1,0 +1,235 @@
+"""One insertion task as a state machine: F/T samples and actions in, motions, observations and rewards out.
+
+With no contact the peg is guided in +Z; in contact the agent decides (thesis 6.1). What the task knows is what the
+wrist feels and which increments were applied: never the pose of the peg.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from msgspec.structs import replace
+
+from services.task.rewards import reward_of_move
+from services.wire.actions import INSERT, Increment, increments
+from services.wire.definition import Definition
+from services.wire.errors import TreenailError
+from services.wire.messages import (
+    Action,
+    EpisodeSummary,
+    Force,
+    Home,
+    JournalEpisode,
+    JournalStep,
+    Move,
+    Moved,
+    Observation,
+    Outcome,
+    Reward,
+    Torque,
+)
+from services.wire.randomness import Role, generator
+
+
+class Felt(NamedTuple):
+    """What follows from an F/T sample: a reward that has become due, and then one thing to do."""
+
+    reward: Reward | None
+    then: Move | Observation | EpisodeSummary
+
+
+class _Pending(NamedTuple):
+    """A decision whose move has been made and whose reward waits for what comes next."""
+
+    action: Action
+    reward: float
+
+
+@dataclass
+class _Episode:
+    """What the task knows of the episode under way."""
+
+    episode: int
+    first_decision: int
+    depth_mm: float
+    """Applied +Z less the height of the start: how far the tip is below the mouth, were nothing to give way."""
+    states: int
+    moves: int = 0
+    moves_without_progress: int = 0
+    force_n: float = 0.0
+    """Magnitude at the last observation."""
+    total: float = 0.0
+    """Rewards so far."""
+    sums: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    peaks: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    steps: list[JournalStep] = field(default_factory=list)
+    observation: Observation | None = None
+    """Waits for an action."""
+    acting: Action | None = None
+    """Its move is under way."""
+    pending: _Pending | None = None
+    summary: EpisodeSummary | None = None
+
+
+class Insertion:
+    """Episodes of one run, one at a time. Pure: same calls, same results."""
+
+    def __init__(self, definition: Definition, run: str, seed: int) -> None:
+        self._definition = definition
+        self._run = run
+        self._seed = seed
+        self._known_states = 0
+        self._increments = increments(definition.moves)
+        self._success_mm = definition.limits.success_fraction * definition.parts.peg_height_mm
+        self._now = self._blank(0, 0)
+
+    def home(self, episode: int, first_decision: int) -> Home:
+        """Begin an episode: return where to put the peg. ``first_decision`` counts the run's decisions before it."""
+        self._now = self._blank(episode, first_decision)
+        start = self._definition.start
+        low, high = -1.0, 1.0
+        spread = generator(self._seed, Role.START_POSE, episode, 0).uniform(low, high, size=5).tolist()
+        return Home(
+            run=self._run,
+            episode=episode,
+            x_mm=start.x_mm + start.xy_spread_mm * spread[0],
+            y_mm=start.y_mm + start.xy_spread_mm * spread[1],
+            z_mm=-start.height_mm,
+            rx_deg=start.rx_deg + start.tilt_spread_deg * spread[2],
+            ry_deg=start.ry_deg + start.tilt_spread_deg * spread[3],
+            rz_deg=start.rz_deg + start.tilt_spread_deg * spread[4],
+        )
+
+    def feel(self, moved: Moved, force_n: Force, torque_nm: Torque) -> Felt:
+        """Take the F/T sample felt after ``moved`` and say what follows."""
+        if moved.step != self._now.moves:
+            raise TreenailError(f"task: expected the reply to motion {self._now.moves}, got {moved.step}")
+        force = math.hypot(*force_n)
+        self._now.depth_mm += moved.dz_mm
+        if self._now.moves:
+            self._feel_magnitudes(force, math.hypot(*torque_nm))
+        pending = self._settle(force)
+        outcome = self._outcome(force)
+        if outcome is not None:
+            return Felt(self._final_reward(pending, outcome), self._finish(outcome))
+        if force < self._definition.limits.contact_force_n:
+            self._now.pending = pending
+            self._now.moves_without_progress = 0
+            return Felt(None, self._move(Increment(dz_mm=self._definition.moves.insertion_mm)))
+        reward = None if pending is None else self._reward(pending, pending.reward, None)
+        self._now.pending = None
+        self._now.force_n = force
+        return Felt(reward, self._observe(force_n, torque_nm))
+
+    def act(self, action: Action) -> Move:
+        """Take the agent's decision about the last observation and return the motion to make."""
+        if self._now.observation is None or action.decision != self._now.observation.decision:
+            raise TreenailError(f"task: got an action for decision {action.decision}, which is not the one waited for")
+        if action.action >= len(self._increments):
+            raise TreenailError(f"task: expected an action below {len(self._increments)}, got {action.action}")
+        self._now.steps[-1] = replace(
+            self._now.steps[-1], state=action.state, action=action.action, policy_version=action.policy_version
+        )
+        self._now.states = max(self._now.states, action.state + 1)
+        self._now.observation = None
+        self._now.acting = action
+        self._now.moves_without_progress = 0 if action.action == INSERT else self._now.moves_without_progress + 1
+        return self._move(self._increments[action.action])
+
+    def record(self) -> JournalEpisode:
+        """Return the episode so far, as the journal and catching-up workers want it."""
+        return JournalEpisode(
+            run=self._run,
+            episode=self._now.episode,
+            first_decision=self._now.first_decision,
+            steps=tuple(self._now.steps),
+            summary=self._now.summary,
+        )
+
+    def expect_states(self, states: int) -> None:
+        """Take over the number of contact states known from earlier episodes (for the summary)."""
+        self._known_states = states
+
+    def _observe(self, force_n: Force, torque_nm: Torque) -> Observation:
+        observation = Observation(
+            run=self._run,
+            episode=self._now.episode,
+            step=self._now.moves,
+            decision=self._now.first_decision + len(self._now.steps),
+            force_n=force_n,
+            torque_nm=torque_nm,
+        )
+        self._now.steps.append(JournalStep(step=self._now.moves, force_n=force_n, torque_nm=torque_nm))
+        self._now.observation = observation
+        return observation
+
+    def _blank(self, episode: int, first_decision: int) -> _Episode:
+        depth_mm = -self._definition.start.height_mm
+        return _Episode(episode, first_decision, depth_mm, self._known_states)
+
+    def _move(self, increment: Increment) -> Move:
+        self._now.moves += 1
+        return Move(run=self._run, episode=self._now.episode, step=self._now.moves, **increment._asdict())
+
+    def _feel_magnitudes(self, force_n: float, torque_nm: float) -> None:
+        for index, value in enumerate((force_n, torque_nm)):
+            self._now.sums[index] += value
+            self._now.peaks[index] = max(self._now.peaks[index], value)
+
+    def _settle(self, force_n: float) -> _Pending | None:
+        """Return the decision whose reward is not yet due, with the reward of its own move."""
+        if self._now.acting is None:
+            return self._now.pending
+        acting, self._now.acting = self._now.acting, None
+        return _Pending(acting, reward_of_move(self._definition.reward, acting.action, self._now.force_n, force_n))
+
+    def _outcome(self, force_n: float) -> Outcome | None:
+        limits = self._definition.limits
+        if force_n >= limits.collision_force_n:
+            return "collision"
+        if self._now.depth_mm >= self._success_mm:
+            return "inserted"
+        if 0 < limits.no_progress_moves < self._now.moves_without_progress:
+            return "no_progress"
+        return "move_limit" if self._now.moves >= limits.move_limit else None
+
+    def _final_reward(self, pending: _Pending | None, outcome: Outcome) -> Reward | None:
+        penalty = {"collision": self._definition.reward.collision, "no_progress": self._definition.reward.no_progress}
+        if pending is None:
+            # The first touch already ended the episode: nobody decided, so nobody is taught, but it counts.
+            self._now.total += penalty.get(outcome, 0.0)
+            return None
+        return self._reward(pending, penalty.get(outcome, pending.reward), outcome)
+
+    def _reward(self, pending: _Pending, reward: float, terminal: Outcome | None) -> Reward:
+        self._now.total += reward
+        done = pending.action
+        self._now.steps[-1] = replace(self._now.steps[-1], reward=reward)
+        return Reward(
+            run=self._run,
+            episode=self._now.episode,
+            step=done.step,
+            decision=done.decision,
+            reward=reward,
+            terminal=terminal,
+        )
+
+    def _finish(self, outcome: Outcome) -> EpisodeSummary:
+        moves = max(self._now.moves, 1)
+        self._known_states = self._now.states
+        self._now.summary = EpisodeSummary(
+            run=self._run,
+            episode=self._now.episode,
+            episode_return=self._now.total,
+            moves=self._now.moves,
+            decisions=len(self._now.steps),
+            mean_force_n=self._now.sums[0] / moves,
+            peak_force_n=self._now.peaks[0],
+            mean_torque_nm=self._now.sums[1] / moves,
+            peak_torque_nm=self._now.peaks[1],
+            states=self._now.states,
+            outcome=outcome,
+        )
+        return self._now.summary

@@ -1,0 +1,67 @@
+"""The robot as the task sees it: motions are asked for, answered, and felt; a robot that died is brought back."""
+
+from __future__ import annotations
+
+from services.wire.keys import FT, HOME, MOVE
+from services.wire.messages import FtPacket, Home, Move, Moved, Refusal
+from services.wire.service import Service
+
+FELT_WITHIN_S = 0.5
+RETRY_S = 0.05
+
+
+class Robot:
+    """Homes and moves, one at a time, each followed by the F/T sample felt after it."""
+
+    def __init__(self, service: Service) -> None:
+        self._service = service
+        self._ask_home = service.asker(HOME, Moved)
+        self._ask_move = service.asker(MOVE, Moved)
+        self._motions: list[Home | Move] = []
+        self._felt: FtPacket | None = None
+        service.subscribe(FT, FtPacket, self._on_ft)
+
+    def go(self, motion: Home | Move) -> tuple[Moved, FtPacket] | None:
+        """Make a motion and return what was applied and felt; tries as long as it takes, None only when stopped."""
+        if isinstance(motion, Home):
+            self._motions.clear()
+        self._motions.append(motion)
+        service = self._service
+        while not service.stopping:
+            done = self._try(motion)
+            if done is not None:
+                service.phase = "running"
+                return done
+            service.complain(service.phase)
+            service.work_until(lambda: False, RETRY_S)
+        return None
+
+    def _try(self, motion: Home | Move) -> tuple[Moved, FtPacket] | None:
+        service = self._service
+        answer = self._ask(motion)
+        if isinstance(answer, Refusal) and answer.reason == "out_of_order" and self._bring_back():
+            answer = self._ask(motion)
+        if answer is None:
+            service.phase = "waiting for robot (no answer to a motion)"
+            return None
+        if isinstance(answer, Refusal):
+            service.phase = f"stopped: {answer.message}"[:200]
+            return None
+        arrived = answer.arrived_t_ns
+        if not service.work_until(lambda: self._felt is not None and self._felt.t_ns >= arrived, FELT_WITHIN_S):
+            service.phase = "waiting for sensor (no F/T sample after a motion)"
+            return None
+        assert self._felt is not None
+        return answer, self._felt
+
+    def _ask(self, motion: Home | Move) -> Moved | Refusal | None:
+        self._felt = None
+        return self._ask_home(motion) if isinstance(motion, Home) else self._ask_move(motion)
+
+    def _bring_back(self) -> bool:
+        """Repeat the episode's motions but the last, for a robot that lost its place; True when it has them all."""
+        self._service.log.warning("robot lost its place: repeating %d motions", len(self._motions) - 1)
+        return all(isinstance(self._ask(motion), Moved) for motion in self._motions[:-1])
+
+    def _on_ft(self, packet: FtPacket) -> None:
+        self._felt = packet
