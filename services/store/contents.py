@@ -1,0 +1,38 @@
+"""What may be stored under the keys that workers load their memory from: nothing that would not load."""
+
+from __future__ import annotations
+
+import re
+
+from services.wire.codec import decode
+from services.wire.errors import BadPayloadError
+from services.wire.messages import Checkpoint, JournalEpisode, RunRecord
+
+_CHECKPOINT = re.compile(r"checkpoint/([^/]+)/([^/]+)/([0-9]{8}|latest)")
+_EPISODE = re.compile(r"journal/([^/]+)/(?:[0-9]{6}/([0-9]{8})|latest)")
+_RUN = re.compile(r"journal/([^/]+)/run")
+
+
+def check(name: str, payload: bytes, encoding: str) -> None:
+    """Check a value against its key in the cell; names that are none of the contract's are free.
+
+    Raises ContractError: the wrong type, a payload that does not decode, or one that belongs to another key.
+    """
+    if found := _CHECKPOINT.fullmatch(name):
+        checkpoint = decode(Checkpoint, payload, encoding)
+        _same(name, found[1], checkpoint.run)
+        _same(name, found[2], checkpoint.service)
+        _same(name, found[3], f"{checkpoint.episode:08d}")
+    elif found := _EPISODE.fullmatch(name):
+        entry = decode(JournalEpisode, payload, encoding)
+        _same(name, found[1], entry.run)
+        _same(name, found[2] or "latest", f"{entry.episode:08d}")
+        if entry.summary is None:
+            raise BadPayloadError(f"{name}: expected a finished episode, got one under way")
+    elif found := _RUN.fullmatch(name):
+        _same(name, found[1], decode(RunRecord, payload, encoding).run)
+
+
+def _same(name: str, in_key: str, in_payload: str) -> None:
+    if in_key not in (in_payload, "latest"):
+        raise BadPayloadError(f"{name}: expected a payload that says {in_key!r}, got {in_payload!r}")

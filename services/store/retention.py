@@ -1,0 +1,96 @@
+"""Which keys the store may forget, so that it stays bounded and a run can still be resumed from what is left.
+
+A checkpoint numbered E holds a service's state after all episodes below E; to go on from it, the journal from E on is
+needed. Keys (others than these are never touched):
+
+    treenail/<cell>/checkpoint/<run>/<service>/<E, 8 digits>      and .../latest
+    treenail/<cell>/journal/<run>/<block, 6 digits>/<episode, 8 digits>
+    treenail/<cell>/journal/<run>/run                             and .../latest
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+_RUN_KEY = re.compile(
+    r"treenail/(?P<cell>[^/]+)/"
+    r"(?:checkpoint/(?P<run>[^/]+)/(?P<service>[^/]+)/(?:(?P<checkpoint>[0-9]{8})|latest)"
+    r"|journal/(?P<journal_run>[^/]+)/(?:[0-9]{6}/(?P<episode>[0-9]{8})|run|latest))"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class RetentionSettings:
+    """How much is kept; each at least 1, ValueError otherwise."""
+
+    checkpoints: int = 10
+    """Numbered checkpoints for each cell, run and service."""
+    journal_episodes: int = 100_000
+    """Episodes in the journal of each cell and run, unless more are needed after a kept checkpoint."""
+    runs: int = 50
+    """Runs of each cell."""
+
+    def __post_init__(self) -> None:
+        for name in ("checkpoints", "journal_episodes", "runs"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"retention setting {name}: expected at least 1, got {getattr(self, name)}")
+
+
+@dataclass(slots=True)
+class _Run:
+    """What is stored of one run of one cell."""
+
+    newest: str = ""
+    keys: list[str] = field(default_factory=list)
+    checkpoints: dict[str, list[tuple[int, str]]] = field(default_factory=dict)
+    """By service; a service that only has ``latest`` is here with an empty list."""
+    journal: list[tuple[int, str]] = field(default_factory=list)
+
+
+def removable(stored: Iterable[tuple[str, str]], settings: RetentionSettings) -> list[str]:
+    """Return the keys to remove, sorted, out of pairs of key and timestamp (text that sorts as time does).
+
+    Of each cell the runs whose newest key is oldest go entirely; of the other runs only surplus numbered checkpoints
+    (lowest numbers first) and surplus journal episodes (oldest first). ``run`` and ``latest`` of a kept run stay.
+    """
+    cells: dict[str, dict[str, _Run]] = {}
+    for key, timestamp in stored:
+        found = _RUN_KEY.fullmatch(key)
+        if found:
+            runs = cells.setdefault(found["cell"], {})
+            run = runs.setdefault(found["run"] or found["journal_run"], _Run())
+            _note(run, key, timestamp, found)
+    surplus: list[str] = []
+    for runs in cells.values():
+        by_age = sorted(runs, key=lambda name: (runs[name].newest, name), reverse=True)
+        for name in by_age[: settings.runs]:
+            surplus += _surplus(runs[name], settings)
+        for name in by_age[settings.runs :]:
+            surplus += runs[name].keys
+    return sorted(surplus)
+
+
+def _note(run: _Run, key: str, timestamp: str, found: re.Match[str]) -> None:
+    run.keys.append(key)
+    run.newest = max(run.newest, timestamp)
+    if found["service"] is not None:
+        numbered = run.checkpoints.setdefault(found["service"], [])
+        if found["checkpoint"] is not None:
+            numbered.append((int(found["checkpoint"]), key))
+    elif found["episode"] is not None:
+        run.journal.append((int(found["episode"]), key))
+
+
+def _surplus(run: _Run, settings: RetentionSettings) -> list[str]:
+    surplus: list[str] = []
+    # Where a service stands that only has "latest" cannot be told from keys: it may need every episode.
+    first_needed = 0 if not run.checkpoints or not all(run.checkpoints.values()) else 10**8
+    for numbered in run.checkpoints.values():
+        numbered.sort()
+        surplus += [key for _, key in numbered[: -settings.checkpoints]]
+        first_needed = min([first_needed, *(number for number, _ in numbered[-settings.checkpoints :])])
+    episodes = sorted({episode for episode, _ in run.journal})
+    first_kept = min([first_needed, *episodes[-settings.journal_episodes :]]) if episodes else 0
+    return surplus + [key for episode, key in run.journal if episode < first_kept]
