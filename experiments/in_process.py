@@ -1,0 +1,53 @@
+"""One run in one process: the pure cores of sim, task, classifier and agent, joined by plain calls.
+
+It takes the same steps as the distributed run, so it ends in the same bytes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from services.agent.fold import AgentFold
+from services.classifier.fold import ClassifierFold
+from services.sim.cell import SimulatedCell
+from services.task.insertion import Insertion
+from services.wire.definition import Definition
+from services.wire.definition_file import run_id
+from services.wire.messages import EpisodeSummary, FtPacket, Moved, Observation
+
+
+class InProcessRun:
+    """A run of one definition with one seed."""
+
+    def __init__(self, definition: Definition, seed: int) -> None:
+        self.run = run_id(definition, seed)
+        self.cell = SimulatedCell(definition, self.run, seed)
+        self.task = Insertion(definition, self.run, seed)
+        self.classifier = ClassifierFold(definition, self.run)
+        self.agent = AgentFold(definition, self.run, seed)
+        self.episodes_done = 0
+        self.decisions = 0
+
+    def episodes(self, count: int) -> Iterator[EpisodeSummary]:
+        """Run ``count`` more episodes, one at a time."""
+        for _ in range(count):
+            yield self._episode()
+
+    def _episode(self) -> EpisodeSummary:
+        moved, packet = self.cell.home(self.task.home(self.episodes_done, self.decisions))
+        while True:
+            felt = self.task.feel(moved, packet.force_n[-1], packet.torque_nm[-1])
+            if felt.reward is not None:
+                self.agent.reward(felt.reward)
+            if isinstance(felt.then, EpisodeSummary):
+                self.episodes_done += 1
+                self.decisions += felt.then.decisions
+                return felt.then
+            if isinstance(felt.then, Observation):
+                moved, packet = self._decide(felt.then)
+            else:
+                moved, packet = self.cell.move(felt.then)
+
+    def _decide(self, observation: Observation) -> tuple[Moved, FtPacket]:
+        action = self.agent.decide(self.classifier.observe(observation))
+        return self.cell.move(self.task.act(action))
