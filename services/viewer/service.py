@@ -1,0 +1,186 @@
+"""The viewer on the bus: it listens to everything and asks a little; nobody waits for it or notices when it is gone."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Generic, TypeVar
+
+import zenoh
+from zenoh.handlers import FifoChannel, RingChannel
+
+from services.viewer import record
+from services.viewer.stream import Stream
+from services.wire.codec import decode
+from services.wire.errors import TreenailError
+from services.wire.keys import ACTION, EPISODE, EXPERIMENT, FT, Q_TABLE, REWARD, STATE, TRUTH
+from services.wire.messages import (
+    Action,
+    EpisodeSummary,
+    Experiment,
+    FtPacket,
+    Message,
+    QTable,
+    Reward,
+    State,
+    Truth,
+)
+from services.wire.service import Options, Service
+
+M = TypeVar("M", bound=Message)
+
+SEND_EVERY_S = 0.1
+"""Larger pieces let the same memory hold more of the past: a piece costs about 1 kB by itself."""
+ASK_EVERY_S = 1.0
+RING = 4096
+"""Messages of one key that may wait; when more come, the oldest are gone. Seconds of a cell at full speed."""
+_REPLIES = 16
+"""Room for answers to one question; there is one."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Where the viewer serves, and what it keeps."""
+
+    bind: str = "0.0.0.0"
+    """Address to listen on for Rerun viewers; there is no authentication."""
+    port: int = 9876
+    """Port to listen on, 0 for any free one."""
+    memory_limit: str = "256MB"
+    """How much of the past is kept for viewers that attach later."""
+    save: Path | None = None
+    """File to record to as well."""
+
+
+def serve(options: Options, settings: Settings) -> None:
+    """Stream a cell to Rerun until stopped."""
+    with Service("viewer", options) as service:
+        service.claim()
+        stream = Stream(settings.bind, settings.port, settings.memory_limit, settings.save)
+        try:
+            shell = ViewerShell(service, stream)
+            service.ready()
+            service.log.info("watch with: %s", invitation(settings.bind, stream.port))
+            shell.loop()
+        finally:
+            stream.close()
+
+
+def invitation(bind: str, port: int) -> str:
+    """Return the command that attaches a Rerun viewer."""
+    if bind not in ("0.0.0.0", "::"):
+        return f"rerun rerun+http://{bind}:{port}/proxy"
+    return f"rerun rerun+http://127.0.0.1:{port}/proxy (elsewhere with this machine's address for 127.0.0.1)"
+
+
+class Inlet(Generic[M]):
+    """A subscription whose network side never enters Python and never waits: a ring, newest wins."""
+
+    def __init__(self, service: Service, name: str, kind: type[M], take: Callable[[M], None]) -> None:
+        self._service = service
+        self._kind = kind
+        self._take = take
+        self._subscriber = service.session.declare_subscriber(service.keys.of(name), RingChannel(RING))
+
+    def drain(self) -> None:
+        """Take what has come, at most one ring full; refuse and count what does not fit the contract."""
+        for _ in range(RING):
+            sample = self._subscriber.try_recv()
+            if sample is None:
+                return
+            self._service.handled += 1
+            try:
+                self._take(decode(self._kind, sample.payload.to_bytes(), str(sample.encoding)))
+            except TreenailError as error:
+                self._service.refuse(error)
+
+
+class Question(Generic[M]):
+    """A query that is asked now and then, and whose answer is looked for without waiting."""
+
+    def __init__(self, service: Service, name: str, kind: type[M]) -> None:
+        self._service = service
+        self._key = service.keys.of(name)
+        self._kind = kind
+        self._replies: zenoh.handlers.Handler[zenoh.Reply] | None = None
+
+    def ask(self) -> None:
+        """Ask, unless an answer is still awaited."""
+        if self._replies is None:
+            self._replies = self._service.session.get(self._key, FifoChannel(_REPLIES), timeout=ASK_EVERY_S)
+
+    def answer(self) -> M | None:
+        """Return the answer when it has come; refuse and count one that does not fit the contract."""
+        if self._replies is None:
+            return None
+        try:
+            reply = self._replies.try_recv()
+        except zenoh.ZError:  # closed: nobody answered, or nobody else will
+            self._replies = None
+            return None
+        if reply is None or reply.ok is None:
+            return None
+        try:
+            return decode(self._kind, reply.ok.payload.to_bytes(), str(reply.ok.encoding))
+        except TreenailError as error:
+            self._service.refuse(error)
+            return None
+
+
+class ViewerShell:
+    """Moves what comes in to Rerun, some ten times a second."""
+
+    def __init__(self, service: Service, stream: Stream) -> None:
+        self._service = service
+        self._stream = stream
+        self._recorder = recorder = record.Recorder()
+        self._drains = (
+            Inlet(service, FT, FtPacket, recorder.ft).drain,
+            Inlet(service, STATE, State, recorder.state).drain,
+            Inlet(service, ACTION, Action, recorder.action).drain,
+            Inlet(service, REWARD, Reward, recorder.reward).drain,
+            Inlet(service, EPISODE, EpisodeSummary, recorder.episode).drain,
+            Inlet(service, TRUTH, Truth, recorder.truth).drain,
+        )
+        self._experiment = Question(service, EXPERIMENT, Experiment)
+        self._q_table = Question(service, Q_TABLE, QTable)
+
+    def loop(self) -> None:
+        """Work until stopped."""
+        started = previous = time.monotonic_ns()
+        next_second = 0
+        while not self._service.stopping:
+            self._service.work_until(lambda: False, SEND_EVERY_S)
+            now = time.monotonic_ns()
+            self.step(previous - started, now - started)
+            previous = now
+            if now >= next_second:
+                next_second = now + round(ASK_EVERY_S * 1e9)
+                self.second(now - started)
+
+    def step(self, start_ns: int, end_ns: int) -> None:
+        """Send what came between two times since the start."""
+        for drain in self._drains:
+            drain()
+        experiment = self._experiment.answer()
+        if experiment is not None and experiment.run != self._service.run:
+            self._service.run = experiment.run
+            self._recorder.experiment(experiment)
+            self._stream.scene(experiment.definition)
+        for item in self._recorder.flush(start_ns, end_ns):
+            self._stream.send(item)
+        answer = self._q_table.answer()
+        table = None if answer is None else record.table(answer, end_ns)
+        if table is not None:
+            self._stream.send(table)
+
+    def second(self, now_ns: int) -> None:
+        """Do what is done once a second: ask, and send the run so far."""
+        self._q_table.ask()
+        if self._service.run is None or self._service.run != self._recorder.run:
+            self._experiment.ask()
+        bars = self._recorder.whole_run(now_ns)
+        if bars is not None:
+            self._stream.send(bars)
