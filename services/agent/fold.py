@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from services.agent.learning import Learner
 from services.wire.definition import Definition
-from services.wire.errors import DivergedError, ForeignRunError, GapError
+from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
 from services.wire.messages import Action, JournalEpisode, Reward, State
 
 
@@ -42,11 +42,14 @@ class AgentFold:
             raise GapError(f"state: the reward of decision {self.decisions - 1} is missing")
         if state.episode < self.episode:
             raise DivergedError(f"state: expected episode {self.episode} or later, got {state.episode}")
+        try:
+            chosen = self.learner.decide(self._previous, state.state, state.episode, state.step)
+        except ValueError as error:
+            raise UnusableError(f"state: decision {state.decision}: {error}") from error
         if state.episode > self.episode:
             self._answers.clear()
             self._received.clear()
             self.episode = state.episode
-        chosen = self.learner.decide(self._previous, state.state, state.episode, state.step)
         self._previous = None
         action = Action(
             run=self.run,
@@ -135,8 +138,8 @@ class AgentFold:
         """Take over a memory. Raises ValueError, with nothing changed, when it does not fit."""
         memory = dict(snapshot)
         decisions, episode = memory.pop("fold_decisions", None), memory.pop("fold_episode", None)
-        if not isinstance(decisions, int) or not isinstance(episode, int):
-            raise ValueError("agent checkpoint: expected whole numbers fold_decisions and fold_episode")
+        if not (isinstance(decisions, int) and isinstance(episode, int) and decisions >= 0 <= episode):
+            raise ValueError("agent checkpoint: expected fold_decisions and fold_episode of 0 or more")
         self.learner.restore(memory)
         self.decisions = self.rewards = decisions
         self.episode = episode

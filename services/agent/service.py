@@ -25,11 +25,10 @@ def serve(options: Options) -> None:
         if not worker.load():
             return
         shell = AgentShell(service, worker)
-        service.subscribe(STATE, State, shell.on_state)
-        service.subscribe(REWARD, Reward, shell.on_reward)
+        service.subscribe(STATE, State, shell.on_state, "classifier")
+        service.subscribe(REWARD, Reward, shell.on_reward, "task")
         service.answer(Q_TABLE, lambda _: q_table(worker))
-        service.answer(POLICY, lambda request: policy(worker, request))
-        service.ready()
+        service.answer(POLICY, lambda request: policy(worker, request), "state")
         worker.loop()
 
 

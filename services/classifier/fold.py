@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from services.classifier.art2 import Art2
+from services.classifier.art2 import Art2, ClassifierFullError
 from services.wire.definition import Definition
-from services.wire.errors import DivergedError, ForeignRunError, GapError
+from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
 from services.wire.messages import JournalEpisode, Observation, State
 
 
@@ -36,10 +36,13 @@ class ClassifierFold:
             raise GapError(f"observation: expected decision {self.decisions}, got {observation.decision}")
         if observation.episode < self.episode:
             raise DivergedError(f"observation: expected episode {self.episode} or later, got {observation.episode}")
+        try:
+            found = self.art2.learn(observation.force_n, observation.torque_nm)
+        except (ValueError, ClassifierFullError) as error:
+            raise UnusableError(f"observation: decision {observation.decision}: {error}") from error
         if observation.episode > self.episode:
             self._answers.clear()
             self.episode = observation.episode
-        found = self.art2.learn(observation.force_n, observation.torque_nm)
         state = State(
             run=self.run,
             episode=observation.episode,
@@ -80,8 +83,8 @@ class ClassifierFold:
         """Take over a memory. Raises ValueError, with nothing changed, when it does not fit."""
         memory = dict(snapshot)
         decisions, episode = memory.pop("fold_decisions", None), memory.pop("fold_episode", None)
-        if not isinstance(decisions, int) or not isinstance(episode, int):
-            raise ValueError("classifier checkpoint: expected whole numbers fold_decisions and fold_episode")
+        if not (isinstance(decisions, int) and isinstance(episode, int) and decisions >= 0 <= episode):
+            raise ValueError("classifier checkpoint: expected fold_decisions and fold_episode of 0 or more")
         self.art2.restore(memory)
         self.decisions, self.episode = decisions, episode
         self._answers.clear()

@@ -25,15 +25,17 @@ def serve(options: Options) -> None:
 
         def observe(observation: Observation) -> None:
             def apply() -> None:
-                if observation.episode > worker.fold.episode:
+                fold = worker.fold
+                # Only of a complete memory: with observations missing it would not be what the key says.
+                complete = (observation.run, observation.decision) == (fold.run, fold.decisions)
+                if complete and observation.episode > fold.episode:
                     worker.checkpoint_before(observation.episode)
-                publish(worker.fold.observe(observation))
+                publish(fold.observe(observation))
 
             worker.catching_up(apply)
 
-        service.subscribe(OBSERVATION, Observation, observe)
+        service.subscribe(OBSERVATION, Observation, observe, "task")
         service.answer(CLASSIFIER_STATES, lambda _: states(worker))
-        service.ready()
         worker.loop()
 
 

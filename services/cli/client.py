@@ -73,7 +73,11 @@ class Client:
 
     def _samples(self, name: str, timeout_s: float) -> list[zenoh.Sample]:
         found: list[zenoh.Sample] = []
-        for reply in self.session.get(self.keys.of(name), timeout=timeout_s):
+        try:
+            replies = self.session.get(self.keys.of(name), timeout=timeout_s)
+        except zenoh.ZError as error:
+            raise RefusedError(f"key: expected a key expression of Zenoh's, got {name!r}: {error}") from None
+        for reply in replies:
             if reply.ok is not None:
                 found.append(reply.ok)
             elif reply.err is not None:

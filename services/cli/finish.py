@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 from rich.console import Console
 from rich.table import Table
@@ -15,9 +16,11 @@ from experiments.results import RunResult, RunSummary, episodes_digest, summary
 from services.cli.client import Client
 from services.wire.definition import Definition
 from services.wire.definition_file import definition_sha256
-from services.wire.errors import CellError, ContractError, NoAnswerError, RefusedError
+from services.wire.errors import CellError, ContractError
 from services.wire.keys import CLASSIFIER_STATES, Q_TABLE
 from services.wire.messages import ClassifierStates, EpisodeSummary, JournalEpisode, QTable
+
+T = TypeVar("T")
 
 SETTLE_S = 60.0
 """How long the workers get to reach the last decision; a restarted one replays its journal first."""
@@ -28,18 +31,18 @@ def finish(
     definition: Definition,
     seed: int,
     run: str,
+    count: int,
     out: Path,
     mind: Callable[[], None],
     say: Callable[[str], None],
 ) -> None:
-    """Write the results of a finished run into ``out``; ``mind`` is called while waiting.
+    """Write the results of a finished run of ``count`` episodes into ``out``; ``mind`` is called while waiting.
 
-    Raises CellError when the store's journal or the workers' memory is not complete.
+    Raises CellError when the store's journal or the workers' memory does not become complete.
     """
-    entries = client.ask_all(f"journal/{run}/*/*", JournalEpisode, timeout_s=30.0)
-    episodes = _complete(entries)
-    decisions = sum(len(entry.steps) for entry in entries)
-    q_digest, art2_digest = _digests(client, decisions, mind)
+    episodes = _settled(lambda: _episodes(client, run, count), mind)
+    decisions = sum(summary.decisions for summary in episodes)
+    q_digest, art2_digest = _settled(lambda: _digests(client, decisions), mind)
     result = RunResult(
         seed, episodes, {"q_table": q_digest, "art2": art2_digest, "episodes": episodes_digest(episodes)}
     )
@@ -49,30 +52,36 @@ def finish(
     say(f"results in {out}: summary.json, episodes.csv, return.png, force.png, torque.png, failures.png")
 
 
-def _complete(entries: list[JournalEpisode]) -> tuple[EpisodeSummary, ...]:
-    """Return the summaries of all episodes, checked to be without gaps."""
-    summaries = tuple(entry.summary for entry in entries if entry.summary is not None)
-    if [entry.episode for entry in entries] != list(range(len(summaries))):
-        raise CellError(f"journal: expected episodes 0 to {len(entries) - 1} without a gap, got {len(summaries)}")
-    return summaries
-
-
-def _digests(client: Client, decisions: int, mind: Callable[[], None]) -> tuple[str, str]:
-    """Return the digests of Q-table and ART2 weights, once both have folded all decisions."""
+def _settled(attempt: Callable[[], T], mind: Callable[[], None]) -> T:
+    """Return what ``attempt`` gives once it succeeds: any process may be just starting again."""
     deadline = time.monotonic() + SETTLE_S
     while True:
         mind()
         try:
-            table = client.ask(Q_TABLE, QTable)
-            states = client.ask(CLASSIFIER_STATES, ClassifierStates)
-            if table.policy_version == table.decisions == states.decisions == decisions:
-                return table.digest, states.digest
-            got = f"agent {table.policy_version} and classifier {states.decisions}"
-        except (NoAnswerError, RefusedError, ContractError) as error:
-            got = str(error)
-        if time.monotonic() > deadline:
-            raise CellError(f"workers: expected all {decisions} decisions to be learnt, got {got}")
+            return attempt()
+        except (CellError, ContractError):
+            if time.monotonic() > deadline:
+                raise
         time.sleep(0.1)
+
+
+def _episodes(client: Client, run: str, count: int) -> tuple[EpisodeSummary, ...]:
+    """Return the summaries of all episodes, checked to be complete."""
+    entries = client.ask_all(f"journal/{run}/*/*", JournalEpisode, timeout_s=30.0)
+    found = tuple(entry.summary for entry in entries if entry.summary is not None)
+    if [summary.episode for summary in found] != list(range(count)):
+        raise CellError(f"journal: expected episodes 0 to {count - 1} without a gap, got {len(found)} episodes")
+    return found
+
+
+def _digests(client: Client, decisions: int) -> tuple[str, str]:
+    """Return the digests of Q-table and ART2 weights, checked to be those after all decisions."""
+    table = client.ask(Q_TABLE, QTable)
+    states = client.ask(CLASSIFIER_STATES, ClassifierStates)
+    if not table.policy_version == table.decisions == states.decisions == decisions:
+        got = f"agent {table.policy_version} and classifier {states.decisions}"
+        raise CellError(f"workers: expected all {decisions} decisions to be learnt, got {got}")
+    return table.digest, states.digest
 
 
 def _print(run: RunSummary, name: str) -> None:

@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Callable
 
-from services.wire.command import EXIT_ERROR
+from services.wire.command import EXIT_ERROR, Parser
 from services.wire.errors import TreenailError
 from services.wire.session import DEFAULT_ENDPOINT
 from services.wire.version import version
@@ -32,11 +32,11 @@ def main() -> None:
         _become("experiments", arguments[1:])
     if arguments and arguments[0] == "bench":
         _become("experiments.bench", arguments[1:])
-    parsed = _parser().parse_args(arguments)
     try:
+        parsed = _parser().parse_args(arguments)
         sys.exit(parsed.act(parsed) or 0)
     except TreenailError as error:
-        print(f"treenail {parsed.command}: {error}", file=sys.stderr)
+        print(f"treenail {arguments[0]}: {error}", file=sys.stderr)
         sys.exit(EXIT_ERROR)
     except KeyboardInterrupt:
         sys.exit(130)
@@ -49,7 +49,7 @@ def _become(module: str, arguments: list[str]) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     services = "\n".join(f"  {name:<12}{summary}" for name, summary in SERVICES.items())
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog="treenail",
         description="A robot learns to put pegs into holes by feel.",
         epilog=f"one service as one process:\n{services}\n\nalso: experiment, bench; each has --help",
@@ -67,7 +67,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def _add_up(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+def _add_up(commands: argparse._SubParsersAction[Parser]) -> None:
     def act(arguments: argparse.Namespace) -> int:
         from services.cli.up import up
 
@@ -80,9 +80,7 @@ def _add_up(commands: argparse._SubParsersAction[argparse.ArgumentParser]) -> No
     made.set_defaults(act=act)
 
 
-def _add_query(
-    commands: argparse._SubParsersAction[argparse.ArgumentParser], name: str, summary: str
-) -> argparse.ArgumentParser:
+def _add_query(commands: argparse._SubParsersAction[Parser], name: str, summary: str) -> argparse.ArgumentParser:
     made = commands.add_parser(name, help=summary, description=summary)
     made.add_argument("--cell", default="a", help="name of the cell (default: a)")
     made.add_argument(

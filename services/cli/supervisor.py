@@ -18,6 +18,8 @@ FIRST_DELAY_S = 0.1
 LONGEST_DELAY_S = 5.0
 SETTLED_S = 10.0
 """A process that lived this long starts again with the first delay."""
+TRIES = 4
+"""A process that has failed so often, and never lived that long, is given up."""
 STOP_S = 2.0
 """How long processes get between SIGTERM and SIGKILL."""
 
@@ -37,6 +39,10 @@ class Child:
     started: float = 0.0
     restarts: int = 0
     delay_s: float = FIRST_DELAY_S
+    settled: bool = False
+    """Whether it ever lived for long."""
+    failures: int = 0
+    """How often it ended by itself in an error."""
     due: float = 0.0
     """When to start it again."""
 
@@ -92,7 +98,7 @@ class Supervisor:
         return killed
 
     def _spawn(self, child: Child) -> None:
-        environment = {**os.environ, **self.environment, DIE_WITH_PARENT: "1", "PYTHONUNBUFFERED": "1"}
+        environment = {**os.environ, **self.environment, DIE_WITH_PARENT: str(os.getpid()), "PYTHONUNBUFFERED": "1"}
         with child.log.open("ab") as log:
             # A session of its own: Ctrl-C in the terminal reaches us alone, and we stop the services in order.
             child.process = subprocess.Popen(
@@ -102,7 +108,10 @@ class Supervisor:
 
     def _bury(self, child: Child, status: int, now: float) -> None:
         lived = now - child.started
-        if status == EXIT_ERROR and child.restarts == 0 and lived < SETTLED_S:
+        child.settled = child.settled or lived >= SETTLED_S
+        child.failures += status > 0
+        hopeless = (status == EXIT_ERROR and child.restarts == 0) or child.failures >= TRIES
+        if hopeless and not child.settled:
             raise StartError(last_line(child.log) or f"{child.name}: exited with status {status}")
         child.delay_s = FIRST_DELAY_S if lived >= SETTLED_S else min(2 * child.delay_s, LONGEST_DELAY_S)
         child.process = None

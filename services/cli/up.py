@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import fcntl
 import queue
 import signal
 import socket
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from experiments.result_files import prepare
 from services.cli.client import Client
 from services.cli.finish import finish
 from services.cli.progress import Progress, Reporter
 from services.cli.supervisor import Supervisor
 from services.wire.definition import Definition
-from services.wire.definition_file import definition_sha256, find, load, run_id
-from services.wire.errors import CellError, ContractError, NoAnswerError, RefusedError, TreenailError
-from services.wire.keys import EPISODE, EXPERIMENT
+from services.wire.definition_file import check_run, definition_sha256, find, load, run_id
+from services.wire.errors import CellError, ContractError, NoAnswerError, RefusedError
+from services.wire.keys import EPISODE, EXPERIMENT, Keys
 from services.wire.messages import EpisodeSummary, Experiment
 
 PROFILES = ("sim",)
@@ -59,17 +62,23 @@ def up(arguments: argparse.Namespace) -> int:
     """Bring a cell up, watch it to the end of its run, write the results; return the exit status."""
     plan = _plan(arguments)
     stop = _StopFlag()
-    plan.out.mkdir(parents=True, exist_ok=True)
-    (plan.out / "logs").mkdir(exist_ok=True)
-    if arguments.fresh:
-        for stale in plan.out.glob("store.sqlite*"):
-            stale.unlink()
+    _prepare(plan)
     progress = Progress(plan.episodes)
     title = f"{plan.definition.name}, seed {arguments.seed}"
     with Reporter(progress, title, plan.viewer_url) as reporter:
         supervisor = Supervisor(plan.out / "logs", reporter.say)
+
+        def mind() -> None:
+            supervisor.check()
+            if stop:
+                raise KeyboardInterrupt
+
         try:
-            return _run(plan, supervisor, reporter, progress, stop)
+            _run(plan, supervisor, reporter, progress, mind)
+            return 0
+        except KeyboardInterrupt:
+            reporter.say(f"stopped at episode {progress.done}; the same command goes on from there")
+            return EXIT_INTERRUPTED
         finally:
             _stop(supervisor, reporter)
 
@@ -77,10 +86,8 @@ def up(arguments: argparse.Namespace) -> int:
 def _plan(arguments: argparse.Namespace) -> Plan:
     definition = load(arguments.experiment, arguments.set)
     episodes = definition.episodes if arguments.episodes is None else arguments.episodes
-    if episodes < 1:
-        raise TreenailError(f"--episodes: expected 1 or more, got {episodes}")
-    if not 0 <= arguments.seed < 2**63:
-        raise TreenailError(f"--seed: expected 0 to 2^63-1, got {arguments.seed}")
+    check_run(arguments.seed, episodes)
+    Keys(arguments.cell)
     run = run_id(definition, arguments.seed)
     out = arguments.out or Path("runs") / f"{definition.name}-{definition_sha256(definition)[:8]}-s{arguments.seed}"
     port = _free_port("127.0.0.1", arguments.port, "--port")
@@ -90,6 +97,25 @@ def _plan(arguments: argparse.Namespace) -> Plan:
         host = socket.gethostname() if arguments.viewer_bind == "0.0.0.0" else arguments.viewer_bind
         viewer_url = f"rerun+http://{host}:{arguments.viewer_port}/proxy"
     return Plan(arguments, definition, run, episodes, out, f"tcp/127.0.0.1:{port}", viewer_url)
+
+
+def _prepare(plan: Plan) -> None:
+    """Make the run directory ready. Raises TreenailError when it cannot be written to, or another cell works in it."""
+    prepare(plan.out, definition_sha256(plan.definition), force=True)
+    lock = plan.out / "store.sqlite.lock"
+    try:
+        (plan.out / "logs").mkdir(exist_ok=True)
+        with lock.open("ab") as held:
+            # The store takes this lock too; asked here, it is a clear answer before anything starts.
+            fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            stale = plan.out.glob("store.sqlite*") if plan.arguments.fresh else ()
+            for path in stale:
+                if path != lock:
+                    path.unlink()
+    except BlockingIOError:
+        raise CellError(f"--out {plan.out}: another cell is working in this directory") from None
+    except OSError as error:
+        raise CellError(f"--out {plan.out}: cannot hold a run: {error.strerror}") from error
 
 
 def _free_port(host: str, port: int, option: str) -> int:
@@ -120,18 +146,18 @@ def _start(plan: Plan, supervisor: Supervisor) -> None:
         supervisor.start("viewer", *cell, *serve, *save)
 
 
-def _run(plan: Plan, supervisor: Supervisor, reporter: Reporter, progress: Progress, stop: _StopFlag) -> int:
+def _run(plan: Plan, supervisor: Supervisor, reporter: Reporter, progress: Progress, mind: Callable[[], None]) -> None:
     reporter.say(f"run {plan.run} in {plan.out}; logs in {plan.out / 'logs'}")
     if plan.viewer_url:
         reporter.say(f"watch it live: rerun {plan.viewer_url}")
     _start(plan, supervisor)
-    with _client(plan, supervisor, stop) as client:
+    with _client(plan, mind) as client:
         arrived: queue.SimpleQueue[EpisodeSummary] = queue.SimpleQueue()
         client.subscribe(EPISODE, EpisodeSummary, arrived.put)
         phase = "starting"
         next_poll = 0.0
-        while not stop:
-            supervisor.check()
+        while phase != "finished":
+            mind()
             _drain(arrived, progress, plan.run)
             if time.monotonic() >= next_poll:
                 next_poll = time.monotonic() + POLL_S
@@ -141,32 +167,27 @@ def _run(plan: Plan, supervisor: Supervisor, reporter: Reporter, progress: Progr
                     progress.done = max(progress.done, experiment.episodes_done)
                     progress.episodes = max(plan.episodes, experiment.episodes_done)
             reporter.show(supervisor.alive(), phase)
-            if phase == "finished":
-                break
         _drain(arrived, progress, plan.run)
-        if stop:
-            reporter.say(f"stopped at episode {progress.done}; the same command goes on from there")
-            return EXIT_INTERRUPTED
         reporter.show(supervisor.alive(), phase, now=True)
-        finish(client, plan.definition, plan.arguments.seed, plan.run, plan.out, supervisor.check, reporter.say)
-    return 0
+        seed = plan.arguments.seed
+        finish(client, plan.definition, seed, plan.run, progress.done, plan.out, mind, reporter.say)
 
 
-def _client(plan: Plan, supervisor: Supervisor, stop: _StopFlag) -> Client:
+def _client(plan: Plan, mind: Callable[[], None]) -> Client:
     """Return a client of the router that was just started, minding the processes meanwhile."""
     deadline = time.monotonic() + 30.0
     while True:
+        mind()
         try:
             return Client(plan.arguments.cell, [plan.endpoint], timeout_s=0.5)
         except CellError:
-            supervisor.check()
-            if stop or time.monotonic() > deadline:
+            if time.monotonic() > deadline:
                 raise
 
 
 def _experiment(client: Client) -> Experiment | None:
     try:
-        return client.ask(EXPERIMENT, Experiment, timeout_s=1.0)
+        return client.ask(EXPERIMENT, Experiment, timeout_s=0.5)
     except (NoAnswerError, RefusedError, ContractError):
         return None  # the task is starting, or being started again
 

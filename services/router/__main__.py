@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import signal
 import sys
 import threading
@@ -13,7 +12,7 @@ from services.wire.session import DEFAULT_ENDPOINT, open_router
 
 def main() -> None:
     """Route until stopped."""
-    parser = argparse.ArgumentParser(prog="treenail router", description=__doc__)
+    parser = command.Parser(prog="treenail router", description=__doc__)
     parser.add_argument(
         "--listen",
         action="append",
@@ -27,7 +26,9 @@ def main() -> None:
     listen = arguments.listen or [DEFAULT_ENDPOINT]
     session = open_router(listen)
     print(f"router: listening on {', '.join(listen)}", flush=True)
-    stop.wait()
+    # A signal that one of Zenoh's threads takes does not wake this one, so it looks up now and then.
+    while not stop.wait(0.5):
+        pass
     session.close()  # type: ignore[no-untyped-call]
 
 

@@ -63,7 +63,7 @@ def geometry_of(parts: Parts) -> Geometry:
     The block reaches 45 mm beyond the mouth, more than the widest start offset, so the peg cannot miss it; the bore
     is deeper than the peg is long.
     """
-    hole_half_width = (parts.peg_width_mm + parts.clearance_mm) / 2
+    hole_half_width = parts.peg_width_mm / 2 + parts.clearance_mm
     peg_length = 2.0 * parts.peg_height_mm + parts.chamfer_mm
     return Geometry(
         sides=ROUND_SIDES if parts.shape == "round" else 4,

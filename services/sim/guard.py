@@ -27,7 +27,7 @@ class Guard:
 
     def complaint(self, move: Move, force_n: float) -> str | None:
         """Return why a motion is refused, or None. ``force_n``: magnitude felt last, in newtons."""
-        if force_n > self._hard_force_n:
+        if not force_n <= self._hard_force_n:  # a force that is no number never passes
             limit = f"the hard limit of {self._hard_force_n} N"
             return f"guard: force is {force_n:.2f} N, above {limit}; only home is taken"
         for name, (low, high) in self._limits.items():

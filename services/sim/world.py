@@ -46,12 +46,12 @@ TRAVEL_DEG = 0.04
 """Most the flange turns in one time step."""
 SETTLE_STEPS = 40
 """Most time steps after the flange has stopped; fewer when the peg stands still."""
-STILL_MM = 2e-6
-"""A peg that moved less than this in a time step stands still; about the last bit of its position, 0.03 mN."""
-STILL_TURN = 2e-7
+LOOK_EVERY = 5
+"""Time steps between looks at whether the peg stands still."""
+STILL_MM = 5e-6
+"""A peg that moved less than this between two looks stands still: some last bits of its position, less than 0.1 mN."""
+STILL_TURN = 5e-7
 """The same for the components of its quaternion."""
-STILL_STEPS = 5
-"""So many still time steps in a row end the settling."""
 RESPONSE_PER_S = 400.0
 """Natural frequency of the peg on its spring [rad/s]; the peg's mass and inertia follow from it and the stiffness.
 
@@ -78,15 +78,10 @@ class Reading(NamedTuple):
     """Settled force [N], shape (3,)."""
     torque_nm: Vector
     """Settled torque [N m], shape (3,), about the point ``sensor_height_mm`` back from the tip."""
-    peak_force_n: float
-    """Greatest magnitude of the force during the move and its settling [N], the settled force included.
-
-    Where physics ran it includes the peg's inertia, up to about 0.2 N for a move of 0.2 mm.
-    """
 
 
 AT_REST = np.zeros(3, dtype=np.float32)
-NO_LOAD = Reading((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
+NO_LOAD = Reading((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 class World:
@@ -164,15 +159,12 @@ class World:
             return NO_LOAD
         if self._at_flange:
             self._place(start)
-        peak = self._travel(start, target)
+        self._travel(start, target)
+        self._settle()
         self._flange = target
         force, torque = self._load()
-        magnitude = math.hypot(*force)
-        if magnitude < SILENT_N:
-            self._at_flange = True
-            return NO_LOAD._replace(peak_force_n=peak)
-        self._at_flange = False
-        return Reading(force, torque, max(peak, magnitude))
+        self._at_flange = math.hypot(*force) < SILENT_N
+        return NO_LOAD if self._at_flange else Reading(force, torque)
 
     def _place(self, pose: Pose) -> None:
         """Put the peg at ``pose``, at rest, with the spring relaxed."""
@@ -186,8 +178,8 @@ class World:
     def _anchor(self, pose: Pose) -> sapien.Pose:
         return sapien.Pose(pose.point(self._anchor_mm), pose.orientation)
 
-    def _travel(self, start: Pose, target: Pose) -> float:
-        """Take the flange from start to target and let the peg settle; the greatest force [N] on the way."""
+    def _travel(self, start: Pose, target: Pose) -> None:
+        """Take the flange from start to target."""
         path = rotation_vector(multiply(target.orientation, conjugate(start.orientation)))
         turn_deg = math.degrees(math.hypot(*path))
         steps = max(1, math.ceil(max(math.dist(start[:3], target[:3]) / TRAVEL_MM, turn_deg / TRAVEL_DEG) - 1e-6))
@@ -199,31 +191,24 @@ class World:
             np.array([(b - a) / duration for a, b in zip(begin, end, strict=True)], dtype=np.float32),
             np.array([component / duration for component in path], dtype=np.float32),
         )
-        farthest = 0.0
         for i in range(1, steps + 1):
-            waypoint = between(start, target, i / steps) if i < steps else target
-            drive.set_drive_target(self._anchor(waypoint))
+            drive.set_drive_target(self._anchor(between(start, target, i / steps) if i < steps else target))
             step()
-            peg = self._pose_now()
-            farthest = max(farthest, math.dist(peg.point(self._anchor_mm), waypoint.point(self._anchor_mm)))
         drive.set_drive_velocity_target(AT_REST, AT_REST)
-        return max(farthest, self._settle(end)) * self._stiffness * 1e-3
 
-    def _settle(self, anchor: Vector) -> float:
-        """Step until the peg stands still; the greatest distance [mm] of its end of the spring from the flange's."""
-        step, farthest, still = self._system.step, 0.0, 0
+    def _settle(self) -> None:
+        """Step until the peg stands still, or has had the time that it needs to."""
+        step = self._system.step
         before = self._pose_now()
-        for _ in range(SETTLE_STEPS):
-            step()
+        for _ in range(SETTLE_STEPS // LOOK_EVERY):
+            for _ in range(LOOK_EVERY):
+                step()
             now = self._pose_now()
-            farthest = max(farthest, math.dist(now.point(self._anchor_mm), anchor))
-            moved = max(abs(now[0] - before[0]), abs(now[1] - before[1]), abs(now[2] - before[2]))
+            moved = max(abs(now[i] - before[i]) for i in (0, 1, 2))
             turned = max(abs(now[i] - before[i]) for i in (3, 4, 5, 6))
-            still = still + 1 if moved <= STILL_MM and turned <= STILL_TURN else 0
-            if still == STILL_STEPS:
-                break
+            if moved <= STILL_MM and turned <= STILL_TURN:
+                return
             before = now
-        return farthest
 
     def _pose_now(self) -> Pose:
         """Pose of the peg in the physics."""

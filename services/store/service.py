@@ -70,6 +70,8 @@ class StoreShell:
                 self.pending.append(Delete(key, timestamp))
             else:
                 payload, encoding = sample.payload.to_bytes(), str(sample.encoding)
+                if "*" in key:
+                    raise ValueError("expected one key: a wildcard would replace what was checked under others")
                 check(key.removeprefix(self._prefix), payload, encoding)
                 self.pending.append(Put(key, payload, encoding, timestamp))
         except ValueError as error:
@@ -99,13 +101,17 @@ class StoreShell:
     def on_query(self, query: zenoh.Query) -> None:
         """Reply with every stored value that the query's key expression matches."""
         self.flush()
+        as_json = False
         try:
             as_json = wants_json(parameters_of(query).get("format", "msgpack"))
             for value in self._database.get(str(query.key_expr)):
                 _reply(query, value, as_json)
         except (StoreError, TreenailError) as error:
             refusal = Refusal(reason="bad_request", message=str(error)[:1000])
-            query.reply_err(encode(refusal), encoding=encoding_of(Refusal))
+            if as_json:
+                query.reply_err(encode_json(refusal), encoding="application/json")
+            else:
+                query.reply_err(encode(refusal), encoding=encoding_of(Refusal))
             self._service.refuse(StoreFailedError(f"query: {error}"))
 
     def _prune(self) -> None:

@@ -6,7 +6,7 @@ import sys
 
 from services.task.service import serve
 from services.wire import command
-from services.wire.definition_file import load
+from services.wire.definition_file import check_run, load
 
 
 def main() -> None:
@@ -19,6 +19,7 @@ def main() -> None:
     arguments = parser.parse_args()
     definition = load(arguments.experiment, arguments.set)
     episodes = definition.episodes if arguments.episodes is None else arguments.episodes
+    check_run(arguments.seed, episodes)
     serve(command.options(arguments), definition, arguments.seed, episodes)
 
 

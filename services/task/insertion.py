@@ -104,8 +104,10 @@ class Insertion:
 
     def feel(self, moved: Moved, force_n: Force, torque_nm: Torque) -> Felt:
         """Take the F/T sample felt after ``moved`` and say what follows."""
-        if moved.step != self._now.moves:
-            raise TreenailError(f"task: expected the reply to motion {self._now.moves}, got {moved.step}")
+        if moved.step != self._now.moves or self._now.observation is not None or self._now.summary is not None:
+            raise TreenailError(
+                f"task: expected the reply to motion {self._now.moves}, got {moved.step} or a repetition"
+            )
         force = math.hypot(*force_n)
         self._now.depth_mm += moved.dz_mm
         if self._now.moves:

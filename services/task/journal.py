@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from services.wire.codec import contract_sha256
+from services.wire.codec import contract_sha256, decode
 from services.wire.errors import CellError, ContractError
 from services.wire.keys import LATEST
 from services.wire.messages import JournalEpisode, Message, RunRecord
@@ -37,7 +37,10 @@ class Journal:
             )
         if not self._put_and_confirm(((service.keys.run_record(run), self._record),), f"journal/{run}/run"):
             return None, False
-        newest = self._read(f"journal/{run}/{LATEST}", JournalEpisode)
+        entries = service.wait_for("store (no memory of this run)", self._newest)
+        if entries is None:
+            return None, False
+        newest = entries[0] if entries else None
         following = 0 if newest is None else newest.episode + 1
         # The entry itself is put before "latest": a task that died in between left it there.
         key = service.keys.journal(run, following).removeprefix(service.keys.of(""))
@@ -60,6 +63,20 @@ class Journal:
             service.complain(service.phase)
             service.work_until(lambda: False, RETRY_S)
         return False
+
+    def _newest(self) -> list[JournalEpisode] | None:
+        """Return the newest episode if there is one, or None while the store does not know the run.
+
+        Both are asked for at once: a store that is just gone must not pass for one that has no episode yet.
+        """
+        service, run = self._service, self._record.run
+        samples = {str(sample.key_expr): sample for sample in service.fetch_samples(f"journal/{run}/*")}
+        if service.keys.run_record(run) not in samples:
+            return None
+        sample = samples.get(service.keys.journal_latest(run))
+        if sample is None:
+            return []
+        return [decode(JournalEpisode, sample.payload.to_bytes(), str(sample.encoding))]
 
     def _read(self, name: str, kind: type[M]) -> M | None:
         try:

@@ -19,7 +19,7 @@ class Robot:
         self._ask_move = service.asker(MOVE, Moved)
         self._motions: list[Home | Move] = []
         self._felt: FtPacket | None = None
-        service.subscribe(FT, FtPacket, self._on_ft)
+        service.subscribe(FT, FtPacket, self._on_ft, "sim", "sensor_jr3")
 
     def go(self, motion: Home | Move) -> tuple[Moved, FtPacket] | None:
         """Make a motion and return what was applied and felt; tries as long as it takes, None only when stopped."""

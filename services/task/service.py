@@ -8,7 +8,7 @@ from services.task.robot import Robot
 from services.wire.codec import contract_sha256
 from services.wire.definition import Definition
 from services.wire.definition_file import definition_sha256, run_id
-from services.wire.errors import DivergedError, ForeignRunError
+from services.wire.errors import DivergedError, ForeignRunError, GapError
 from services.wire.keys import ACTION, EPISODE, EXPERIMENT, OBSERVATION, REWARD, TASK_STEPS
 from services.wire.messages import (
     Action,
@@ -69,10 +69,11 @@ class TaskShell:
         self._policy_version = 0
         self._alive: set[str] = set()
         self._came = False
-        self._waiting_for: Observation | None = None
+        self._asked: Observation | None = None
+        """The observation that was published last, and in ``_action`` the answer to it."""
         self._action: Action | None = None
         self._last_reward: Reward | None = None
-        service.subscribe(ACTION, Action, self._on_action)
+        service.subscribe(ACTION, Action, self._on_action, "agent")
         service.answer(EXPERIMENT, lambda _: self._experiment())
         service.answer(TASK_STEPS, lambda _: self._newest or self._insertion.record())
         self._newest: JournalEpisode | None = None
@@ -142,13 +143,12 @@ class TaskShell:
     def _decide(self, observation: Observation) -> Action | None:
         """Publish an observation until the agent has acted on it; None when stopped."""
         service = self._service
-        self._waiting_for, self._action = observation, None
+        self._asked, self._action = observation, None
         while not service.stopping:
             self._came = False
             self._publish_observation(observation)
             service.work_until(lambda: self._action is not None or self._came, REPEAT_S)
             if self._action is not None:
-                self._waiting_for = None
                 service.phase = "running"
                 return self._action
             missing = sorted({"classifier", "agent"} - self._alive)
@@ -161,15 +161,19 @@ class TaskShell:
     def _on_action(self, action: Action) -> None:
         if action.run != self._run:
             raise ForeignRunError(f"action: expected run {self._run}, got {action.run}")
-        awaited = self._waiting_for
-        if awaited is None or action.decision != awaited.decision:
+        asked = self._asked
+        if asked is None or action.decision < asked.decision or (action.decision == asked.decision and self._action):
             return  # an answer given twice
+        if action.decision > asked.decision:
+            raise GapError(f"action: expected decision {asked.decision}, got {action.decision}")
+        if (action.episode, action.step) != (asked.episode, asked.step):
+            expected, got = f"{asked.episode}, {asked.step}", f"{action.episode}, {action.step}"
+            raise DivergedError(f"action: expected episode and step {expected}, got {got}")
         if action.action >= self._definition.moves.actions:
             raise DivergedError(f"action: expected one below {self._definition.moves.actions}, got {action.action}")
-        if action.policy_version < self._policy_version:
-            raise DivergedError(
-                f"action: expected a policy of version {self._policy_version} or later, got {action.policy_version}"
-            )
+        if not self._policy_version <= action.policy_version <= action.decision:
+            expected = f"{self._policy_version} to {action.decision}"
+            raise DivergedError(f"action: expected a policy of version {expected}, got {action.policy_version}")
         self._policy_version = action.policy_version
         self._action = action
 

@@ -37,7 +37,7 @@ class Mesh:
 
 def hole_mesh(parts: Parts) -> Mesh:
     """Return the hole: bore, chamfer and the material around them."""
-    bore = (parts.peg_width_mm + parts.clearance_mm) / 2
+    bore = parts.peg_width_mm / 2 + parts.clearance_mm
     mouth, depth = bore + parts.chamfer_mm, _depth(parts)
     outer = mouth + _RIM_MM
     section = [(bore, depth), (bore, parts.chamfer_mm), (mouth, 0.0), (outer, 0.0), (outer, depth)]

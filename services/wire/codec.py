@@ -31,7 +31,7 @@ def encoding_of(kind: type[Message]) -> str:
 
 def encode(message: Message) -> bytes:
     """Return the MessagePack map of a message; equal messages give equal bytes."""
-    packed: bytes = msgpack.packb(msgspec.to_builtins(message, builtin_types=(bytes,)))
+    packed: bytes = msgpack.packb(msgspec.to_builtins(message, builtin_types=(bytes,), order="deterministic"))
     return packed
 
 
@@ -62,7 +62,7 @@ def decode_payload(kind: type[M], payload: bytes) -> M:
         got = f"{len(payload)} bytes: {reason}"
         raise BadPayloadError(f"{kind.__name__}: expected a MessagePack map, got {got}") from error
     try:
-        return msgspec.convert(fields, kind)
+        return msgspec.convert(fields, kind, builtin_types=(bytes,))
     except (msgspec.ValidationError, RecursionError, OverflowError) as error:
         raise BadPayloadError(f"{kind.__name__}: {error}") from error
 

@@ -9,20 +9,30 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from typing import NoReturn
 
 from services.wire.errors import TreenailError
 from services.wire.service import Options
 from services.wire.session import DEFAULT_ENDPOINT
 
 DIE_WITH_PARENT = "TREENAIL_DIE_WITH_PARENT"
+"""Environment variable with the process id of the parent to die with."""
 _PR_SET_PDEATHSIG = 1
 EXIT_ERROR = 2
 """Exit status of a service that could not start or go on, and said why in one line."""
 
 
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, like all others."""
+
+    def error(self, message: str) -> NoReturn:
+        """End the process with the message and how to get help."""
+        self.exit(EXIT_ERROR, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
 def parser(name: str, summary: str) -> argparse.ArgumentParser:
     """Return a parser with the options that every service takes."""
-    made = argparse.ArgumentParser(prog=f"treenail {name}", description=summary)
+    made = Parser(prog=f"treenail {name}", description=summary)
     made.add_argument("--cell", default="a", help="name of the cell (default: a)")
     made.add_argument(
         "--connect",
@@ -42,8 +52,12 @@ def options(arguments: argparse.Namespace) -> Options:
 
 def die_with_parent() -> None:
     """Ask Linux to stop this process when the one that started it dies, however it dies (set by ``treenail up``)."""
-    if os.environ.get(DIE_WITH_PARENT) == "1":
-        ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    parent = os.environ.get(DIE_WITH_PARENT)
+    if parent is None:
+        return
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if str(os.getppid()) != parent:
+        sys.exit(EXIT_ERROR)  # it died before we asked
 
 
 def run(name: str, main: Callable[[], None]) -> int:

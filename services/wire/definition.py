@@ -37,7 +37,7 @@ class Parts(_Checked, frozen=True, kw_only=True):
     peg_height_mm: Annotated[float, Meta(ge=2, le=100)] = 14.7
     """Length of the part of the peg that goes into the hole."""
     clearance_mm: Annotated[float, Meta(gt=0, le=10)] = 0.5
-    """Width of the hole minus width of the peg."""
+    """Gap between peg and hole on each side when the peg stands centred (docs/decisions/0005)."""
     chamfer_mm: Annotated[float, Meta(ge=0, le=10)] = 3.0
     """Radial width of the 45 degree chamfer round the mouth; 0 for none. The thesis does not give it."""
 
@@ -56,8 +56,8 @@ class Wrist(_Checked, frozen=True, kw_only=True):
     """Translational stiffness along each axis."""
     stiffness_nm_per_rad: Annotated[float, Meta(ge=0.1, le=10000)] = 60.0
     """Rotational stiffness about each axis."""
-    sensor_height_mm: Annotated[float, Meta(ge=0, le=500)] = 120.0
-    """Distance from the peg's tip back to the point that torques refer to."""
+    sensor_height_mm: Annotated[float, Meta(ge=0, le=500)] = 130.0
+    """Distance from the peg's tip back to the sensor: torques refer to this point, and the wrist gives way in it."""
 
 
 class Noise(_Checked, frozen=True, kw_only=True):
@@ -145,7 +145,7 @@ class ForceChangeReward(_Checked, frozen=True, kw_only=True, tag_field="kind", t
 class Art2Settings(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="art2"):
     """ART2 classifier (thesis Appendix D; parameter names are the thesis's)."""
 
-    rho: Annotated[float, Meta(gt=0, lt=1)] = 0.94
+    rho: Annotated[float, Meta(gt=0, lt=1)] = 0.92
     """Vigilance: a class whose match is below it is reset."""
     theta: Annotated[float, Meta(ge=0, lt=1)] = 0.05
     """Threshold of the signal function f."""
@@ -170,9 +170,9 @@ class LearnerSettings(_Checked, frozen=True, kw_only=True):
     """One-step temporal-difference learner (thesis eqs. 4.4 and 4.5)."""
 
     kind: Literal["q_learning", "sarsa"] = "q_learning"
-    alpha: Annotated[float, Meta(gt=0, le=1)] = 0.3
+    alpha: Annotated[float, Meta(gt=0, le=1)] = 0.5
     """Learning rate."""
-    gamma: Fraction = 0.9
+    gamma: Fraction = 0.95
     """Discount factor."""
 
 
@@ -195,8 +195,8 @@ class EpsilonAnnealed(_Checked, frozen=True, kw_only=True, tag_field="kind", tag
 class Softmax(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="softmax"):
     """Gibbs distribution (thesis eq. 4.3) with beta = beta + beta_per_episode * n in episode n."""
 
-    beta: NotNegative = 1.0
-    beta_per_episode: NotNegative = 0.05
+    beta: NotNegative = 4.0
+    beta_per_episode: NotNegative = 0.1
 
 
 Reward = InsertionReward | ForceChangeReward

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import math
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -17,7 +18,8 @@ from typing import get_args, get_type_hints
 import msgspec
 
 from services.wire.definition import Definition
-from services.wire.errors import DefinitionError
+from services.wire.errors import DefinitionError, TreenailError
+from services.wire.randomness import MAX_SEED
 
 _TABLE = re.compile(r"^\s*\[([A-Za-z0-9_.\s]+)\]")
 _KEY = re.compile(r"^\s*([A-Za-z0-9_.]+)\s*=")
@@ -87,6 +89,14 @@ def definition_sha256(definition: Definition) -> str:
     return hashlib.sha256(msgspec.json.encode(definition, order="sorted")).hexdigest()
 
 
+def check_run(seed: int, episodes: int) -> None:
+    """Raise TreenailError for a seed or a length that no run can have."""
+    if not 0 <= seed <= MAX_SEED:
+        raise TreenailError(f"--seed: expected 0 to {MAX_SEED}, got {seed}")
+    if episodes < 1:
+        raise TreenailError(f"--episodes: expected 1 or more, got {episodes}")
+
+
 def run_id(definition: Definition, seed: int) -> str:
     """Return the name of the run that a definition and a seed determine; starting it again goes on with it."""
     return f"{definition_sha256(definition)[:16]}-s{seed}"
@@ -94,7 +104,8 @@ def run_id(definition: Definition, seed: int) -> str:
 
 def _check_together(definition: Definition, places: Mapping[str, str], source: str) -> None:
     """Check what no single field can show."""
-    parts, limits = definition.parts, definition.limits
+    parts, limits, classifier = definition.parts, definition.limits, definition.classifier
+    inputs = 6 if classifier.encoding == "odd" else 12
     rules = (
         (
             limits.contact_force_n < limits.collision_force_n,
@@ -105,6 +116,11 @@ def _check_together(definition: Definition, places: Mapping[str, str], source: s
             limits.collision_force_n < limits.hard_force_n,
             "limits.hard_force_n",
             f"expected more than limits.collision_force_n = {limits.collision_force_n}, got {limits.hard_force_n}",
+        ),
+        (
+            classifier.theta < 1 / math.sqrt(inputs),
+            "classifier.theta",
+            f"expected less than 1/sqrt({inputs}) with encoding {classifier.encoding!r}, got {classifier.theta}",
         ),
         (
             parts.clearance_mm < parts.peg_width_mm,
@@ -124,7 +140,10 @@ def _apply(fields: dict[str, object], override: str) -> str:
     if not equals or not re.fullmatch(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*", key):
         raise DefinitionError(f"--set {override}: expected key=value, such as start.x_mm=2.0")
     try:
-        parsed: object = tomllib.loads(f"value = {value}")["value"]
+        values: dict[str, object] = tomllib.loads(f"value = {value}")
+        if len(values) > 1:
+            raise DefinitionError(f"--set {override!r}: expected one value, got several lines")
+        parsed = values["value"]
     except tomllib.TOMLDecodeError:
         parsed = value.strip()
     *tables, last = key.split(".")
@@ -164,6 +183,8 @@ def _explain(error: str, fields: Mapping[str, object], places: Mapping[str, str]
     if unknown := _UNKNOWN.search(what):
         key = f"{path}.{unknown.group(1)}".lstrip(".")
         known = _known_keys(path)
+        if unknown.group(1) in known:
+            return f"{_place(key, places, source)}: {key}: not a key of this kind of {path}"
         close = difflib.get_close_matches(unknown.group(1), known, n=1)
         hint = f"; did you mean {close[0]!r}?" if close else f"; expected one of {', '.join(known)}" if known else ""
         return f"{_place(key, places, source)}: {key}: unknown key{hint}"

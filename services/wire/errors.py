@@ -6,10 +6,12 @@
     |   +-- WrongTypeError     the encoding names another type, or none
     |   +-- WrongVersionError  the right type in another version
     |   +-- BadPayloadError    names, types, lengths or ranges do not fit
+    |   +-- StrangerError      it comes from somebody whose role it is not to say that
     +-- FoldError              a message that a worker's fold cannot take
     |   +-- ForeignRunError    it belongs to another run
     |   +-- GapError           messages before it are missing
     |   +-- DivergedError      the same step came twice with different content
+    |   +-- UnusableError      its content cannot be learnt from
     +-- CellError              the cell cannot be joined or used
         +-- RoleTakenError     another process already has this role in this cell
         +-- NoAnswerError      nobody, or nobody able to, answered a query
@@ -47,6 +49,10 @@ class BadPayloadError(ContractError):
     """Names, types, lengths or ranges do not fit the type."""
 
 
+class StrangerError(ContractError):
+    """It comes from somebody whose role in the cell it is not to say that."""
+
+
 class FoldError(TreenailError):
     """A message that a worker's fold cannot take."""
 
@@ -61,6 +67,10 @@ class GapError(FoldError):
 
 class DivergedError(FoldError):
     """The same step came twice with different content."""
+
+
+class UnusableError(FoldError):
+    """The message's content cannot be learnt from."""
 
 
 class CellError(TreenailError):

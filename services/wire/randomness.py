@@ -20,6 +20,9 @@ class Role(IntEnum):
 def generator(seed: int, role: Role, episode: int, step: int) -> np.random.Generator:
     """Return the generator of one role for one step of one episode (Philox; key = seed and role).
 
-    ``seed`` is in 0..2**63-1, ``episode`` and ``step`` are not negative; NumPy raises ValueError otherwise.
+    ``seed``, ``episode`` and ``step`` are in 0..2**63-1; ValueError otherwise.
     """
+    for name, value in (("seed", seed), ("episode", episode), ("step", step)):
+        if not 0 <= value <= MAX_SEED:
+            raise ValueError(f"{name}: expected 0 to {MAX_SEED}, got {value}")
     return np.random.Generator(np.random.Philox(key=[seed, int(role)], counter=[0, 0, step, episode]))

@@ -12,7 +12,6 @@ import queue
 import signal
 import socket
 import time
-import uuid
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -23,10 +22,11 @@ import zenoh
 from zenoh.handlers import Callback
 
 from services.wire.codec import contract_sha256, decode, encode, encode_json, encoding_of
-from services.wire.errors import BadPayloadError, NoAnswerError, RefusedError, RoleTakenError, TreenailError
+from services.wire.errors import BadPayloadError, CellError, NoAnswerError, RefusedError, TreenailError
 from services.wire.keys import Keys
 from services.wire.messages import Alive, Message, Reason, Refusal
-from services.wire.session import DEFAULT_ENDPOINT, LEASE_MS, open_client
+from services.wire.roles import Roles
+from services.wire.session import DEFAULT_ENDPOINT, open_client
 from services.wire.version import version
 
 M = TypeVar("M", bound=Message)
@@ -75,7 +75,6 @@ class Service:
         self.handled = 0
         self.refused: Counter[str] = Counter()
         self.stopping = False
-        self.instance = f"{time.time_ns():020d}-{uuid.uuid4().hex[:8]}"
         self._started_ns = time.time_ns()
         self._beat = 0
         self._next_beat = time.monotonic()
@@ -89,7 +88,13 @@ class Service:
     def __enter__(self) -> Service:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
-        self.session = open_client(self.options.connect, self.options.connect_timeout_s)
+        try:
+            self.session = open_client(self.options.connect, self.options.connect_timeout_s, lambda: self.stopping)
+        except CellError:
+            if self.stopping:
+                raise SystemExit(0) from None
+            raise
+        self._roles = Roles(self.session, self.keys, self.name)
         self._heartbeat = self.session.declare_publisher(self.keys.heartbeat(self.name), encoding=encoding_of(Alive))
         return self
 
@@ -97,27 +102,19 @@ class Service:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.session.close()  # type: ignore[no-untyped-call]
+        if kind is None and self._roles.ousted is not None:
+            raise self._roles.ousted
 
     def claim(self) -> None:
         """Take this service's role in the cell. Raises RoleTakenError when another process keeps it."""
-        everyone = self.keys.of(f"claim/{self.name}/*")
-        deadline = time.monotonic() + 2.0 * LEASE_MS / 1000  # a predecessor that just died may still be listed
-        while others := self._claims(everyone):
-            if time.monotonic() > deadline or self.stopping:
-                raise self._taken(others)
-            time.sleep(0.05)
-        self._declared.append(
-            self.session.liveliness().declare_token(self.keys.of(f"claim/{self.name}/{self.instance}"))
-        )
-        if earlier := [other for other in self._claims(everyone) if other < self.instance]:
-            raise self._taken(earlier)
+        self._roles.claim(lambda: self.stopping, lambda sample: self._inbox.put((self._note_claim, sample)))
         self.answer(f"alive/{self.name}", lambda _: self.status())
 
     def ready(self) -> None:
         """Say that the service is alive: it has all it needs and serves its keys."""
         self.phase = "running"
         self._declared.append(self.session.liveliness().declare_token(self.keys.alive(self.name)))
-        self.log.info("ready: cell %s, instance %s", self.keys.cell, self.instance)
+        self.log.info("ready: cell %s, instance %s", self.keys.cell, self._roles.instance)
 
     def loop(self) -> None:
         """Work until stopped."""
@@ -158,9 +155,11 @@ class Service:
 
     def wait_for(self, what: str, attempt: Callable[[], T | None], every_s: float = 0.1) -> T | None:
         """Try until ``attempt`` gives something, saying loudly what is missing; None only when stopped."""
+        before = self.phase
         while not self.stopping:
             result = attempt()
             if result is not None:
+                self.phase = before
                 return result
             self.phase = f"waiting for {what}"
             self.complain(self.phase)
@@ -173,12 +172,17 @@ class Service:
         """Put work into the inbox; safe from any thread, never blocks."""
         self._inbox.put((handler, item))
 
-    def subscribe(self, name: str, kind: type[M], handler: Callable[[M], None]) -> None:
-        """Hand each message on a key to ``handler``, in the loop."""
+    def subscribe(self, name: str, kind: type[M], handler: Callable[[M], None], *roles: str) -> None:
+        """Hand each message on a key to ``handler``, in the loop: with ``roles``, only those of who holds one of them.
+
+        As long as nobody has held any of the roles, everybody is heard.
+        """
 
         def take(sample: zenoh.Sample) -> None:
             self.handled += 1
-            handler(decode(kind, sample.payload.to_bytes(), str(sample.encoding)))
+            message = decode(kind, sample.payload.to_bytes(), str(sample.encoding))
+            self._roles.check_sender(sample, roles)
+            handler(message)
 
         self.subscribe_raw(name, take)
 
@@ -197,10 +201,13 @@ class Service:
         key = self.keys.alive("*")
         self._declared.append(self.session.liveliness().declare_subscriber(key, callback, history=True))
 
-    def answer(self, name: str, handler: Callable[[Request], Message]) -> None:
-        """Answer queries on a key with the message that ``handler`` returns in the loop; errors become a Refusal."""
+    def answer(self, name: str, handler: Callable[[Request], Message], *parameters: str) -> None:
+        """Answer queries on a key with the message that ``handler`` returns in the loop; errors become a Refusal.
+
+        ``parameters`` are the names that a query may have beside ``format``.
+        """
         key = self.keys.of(name)
-        self.answer_raw(name, lambda query: self._reply(query, key, handler))
+        self.answer_raw(name, lambda query: self._reply(query, key, handler, parameters))
 
     def answer_raw(self, name: str, handler: Callable[[zenoh.Query], None]) -> None:
         """Hand each query on a key expression to ``handler``, in the loop; the query is final when it returns."""
@@ -247,12 +254,13 @@ class Service:
 
     def fetch_all(self, name: str, kind: type[M], timeout_s: float = 1.0) -> list[M]:
         """Ask a key expression and return all good answers in the order of their keys; blocks the loop."""
-        found: list[tuple[str, M]] = []
-        for reply in self.session.get(self.keys.of(name), timeout=timeout_s):
-            if reply.ok is not None:
-                sample = reply.ok
-                found.append((str(sample.key_expr), decode(kind, sample.payload.to_bytes(), str(sample.encoding))))
-        return [message for _, message in sorted(found, key=lambda pair: pair[0])]
+        samples = self.fetch_samples(name, timeout_s)
+        return [decode(kind, sample.payload.to_bytes(), str(sample.encoding)) for sample in samples]
+
+    def fetch_samples(self, name: str, timeout_s: float = 1.0) -> list[zenoh.Sample]:
+        """Ask a key expression and return the samples of all good answers, by key; blocks the loop."""
+        replies = self.session.get(self.keys.of(name), timeout=timeout_s)
+        return sorted((reply.ok for reply in replies if reply.ok is not None), key=lambda sample: str(sample.key_expr))
 
     def asker(self, name: str, kind: type[M], timeout_s: float = 2.0) -> Callable[[Message], M | Refusal | None]:
         """Return a function that asks a key and works on until the answer is here; None when nobody answered."""
@@ -288,7 +296,7 @@ class Service:
         """Return who this is and how it goes."""
         return Alive(
             service=self.name,
-            instance=self.instance,
+            instance=self._roles.instance,
             host=socket.gethostname(),
             pid=os.getpid(),
             version=version(),
@@ -306,23 +314,20 @@ class Service:
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
         self.stop()
 
-    def _claims(self, everyone: str) -> list[str]:
-        replies = self.session.liveliness().get(everyone, timeout=1.0)
-        found = (str(reply.ok.key_expr).rpartition("/")[2] for reply in replies if reply.ok is not None)
-        return [instance for instance in found if instance != self.instance]
+    def _note_claim(self, sample: zenoh.Sample) -> None:
+        self._roles.note(sample)
+        if self._roles.ousted is not None:
+            self.stop()
 
-    def _taken(self, others: list[str]) -> RoleTakenError:
-        return RoleTakenError(
-            f"{self.name}: expected to be the only one in cell {self.keys.cell!r}, "
-            f"but {len(others)} other has this role (instance {others[0]})"
-        )
-
-    def _reply(self, query: zenoh.Query, key: str, handler: Callable[[Request], Message]) -> None:
+    def _reply(
+        self, query: zenoh.Query, key: str, handler: Callable[[Request], Message], allowed: tuple[str, ...]
+    ) -> None:
         as_json, parameters = False, parameters_of(query)
         payload = b"" if query.payload is None else query.payload.to_bytes()
         encoding = "" if query.encoding is None else str(query.encoding)
         try:
             as_json = wants_json(parameters.pop("format", "msgpack"))
+            _check_parameters(parameters, allowed)
             message = handler(Request(parameters, payload, encoding))
         except TreenailError as error:
             self.refuse(error)
@@ -353,6 +358,14 @@ def wants_json(form: str) -> bool:
     if form not in ("json", "msgpack"):
         raise BadPayloadError(f"format: expected json or msgpack, got {form[:20]!r}")
     return form == "json"
+
+
+def _check_parameters(parameters: Mapping[str, str], allowed: tuple[str, ...]) -> None:
+    """Raise BadPayloadError for a parameter that nobody would read; names with ``_`` in front are Zenoh's own."""
+    for name in parameters:
+        if name not in allowed and not name.startswith("_"):
+            expected = ", ".join((*allowed, "format"))
+            raise BadPayloadError(f"parameter: expected one of {expected}, got {name[:20]!r}")
 
 
 def _encoding(kind: type[Message], as_json: bool) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 
 # Zenoh reads this once per process, before its first session. Fewer runtimes mean fewer wake-ups and so less latency,
 # but sending keeps a runtime of its own: a receiving thread that has to wait for room in the send queue would otherwise
@@ -20,6 +21,8 @@ from services.wire.errors import CellError
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 LEASE_MS = 1000
 """How long a silent peer counts as present; a dead process is noticed at once, a frozen host after this."""
+
+_PIECE_S = 0.5
 
 _PRIORITIES = (
     "control",
@@ -45,19 +48,28 @@ def _config(settings: dict[str, object]) -> zenoh.Config:
     return zenoh.Config.from_json5(json.dumps({**common, **settings}))
 
 
-def open_client(endpoints: Sequence[str], timeout_s: float = 30.0) -> zenoh.Session:
+def open_client(
+    endpoints: Sequence[str], timeout_s: float = 30.0, stopping: Callable[[], bool] = lambda: False
+) -> zenoh.Session:
     """Return a session with the router at one of ``endpoints``, waiting for it to come up.
 
-    Raises CellError when none answers within ``timeout_s`` or an endpoint is malformed.
+    ``stopping`` is asked now and then whether to give up. Raises CellError when none answers within ``timeout_s`` or
+    an endpoint is malformed.
     """
+    deadline = time.monotonic() + timeout_s
     retry = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2}
-    connect = {"endpoints": list(endpoints), "timeout_ms": int(timeout_s * 1000), "retry": retry}
-    try:
-        return zenoh.open(_config({"mode": "client", "connect": connect}))
-    except zenoh.ZError as error:
-        where = ", ".join(endpoints)
-        waited = f"none answered within {timeout_s:g} s"
-        raise CellError(f"router: expected one at {where}, {waited} ({_brief(error)})") from None
+    while True:
+        # Zenoh's own waiting cannot be interrupted, so it is done in pieces.
+        began, piece_s = time.monotonic(), max(0.01, min(_PIECE_S, deadline - time.monotonic()))
+        connect = {"endpoints": list(endpoints), "timeout_ms": int(piece_s * 1000), "retry": retry}
+        try:
+            return zenoh.open(_config({"mode": "client", "connect": connect}))
+        except zenoh.ZError as error:
+            at_once = time.monotonic() < began + piece_s / 2
+            if at_once or time.monotonic() >= deadline or stopping():
+                where = ", ".join(endpoints)
+                waited = "" if at_once else f", none answered within {timeout_s:g} s"
+                raise CellError(f"router: expected one at {where}{waited} ({_brief(error)})") from None
 
 
 def open_router(endpoints: Sequence[str]) -> zenoh.Session:

@@ -65,11 +65,16 @@ class Worker(Generic[F]):
         return True
 
     def loop(self) -> None:
-        """Work until stopped, loading another run's memory when the task has changed to one."""
+        """Say that the service is alive and work until stopped, loading another run's memory when the task changed.
+
+        To be called when everything is subscribed to: what came between loading and subscribing is fetched first.
+        """
+        self._settle()
+        self.service.ready()
         while not self.service.stopping:
             self.service.work(1.0)
-            if self._stale:
-                self._stale = not self.load()
+            if self._stale and self.load():
+                self._settle()
 
     def catching_up(self, apply: Callable[[], None]) -> None:
         """Apply one message; when something before it is missing, fetch that from task and journal and try again.
@@ -132,6 +137,7 @@ class Worker(Generic[F]):
         service, run = self.service, self.experiment.run
         found = service.fetch_all(f"checkpoint/{run}/{service.name}/latest", Checkpoint)
         if not found:
+            self._checkpointed = 0
             return 0
         checkpoint = found[0]
         if (checkpoint.run, checkpoint.service) != (run, service.name):
@@ -149,6 +155,13 @@ class Worker(Generic[F]):
             for entry in entries:
                 fold.replay(entry)
             block += 1
+
+    def _settle(self) -> None:
+        """Catch up once; a task that does not answer will repeat all that it has not journalled."""
+        try:
+            self._catch_up()
+        except (ContractError, FoldError, NoAnswerError) as error:
+            self.service.complain(f"nothing to catch up with: {error}", topic="settle")
 
     def _catch_up(self) -> None:
         """Fold what happened without us: whole episodes from the journal, then the one under way from the task."""

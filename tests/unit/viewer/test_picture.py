@@ -40,7 +40,7 @@ def test_the_peg_is_a_closed_prism_behind_its_tip(parts: Parts) -> None:
 @pytest.mark.parametrize("parts", [Parts(), SQUARE, CHAMFERLESS])
 def test_the_hole_keeps_its_clearance_and_lets_the_peg_be_seen(parts: Parts) -> None:
     corners = hole_mesh(parts).corners
-    bore = (parts.peg_width_mm + parts.clearance_mm) / 2
+    bore = parts.peg_width_mm / 2 + parts.clearance_mm
     across = np.hypot(corners[:, 0], corners[:, 1])
     assert across.min() == pytest.approx(bore, rel=1e-5)
     at_mouth = across[corners[:, 2] == 0.0]

@@ -1,0 +1,155 @@
+"""A cell in which something is missing waits, says for what, and goes on when it comes."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from services.wire.codec import encode, encoding_of
+from services.wire.keys import TASK_STEPS
+from services.wire.messages import JournalEpisode, RunRecord
+
+EPISODES = 12
+Reference = Callable[..., dict[str, str]]
+
+
+def test_without_a_store_all_wait_and_say_so(house: Any, wait_until: Callable[..., None], reference: Reference) -> None:
+    house.start_loop(EPISODES)
+    wait_until("the task says so", lambda: house.phase("task").startswith("waiting for store"))
+    for name in ("classifier", "agent"):
+        wait_until(f"the {name} says so", lambda name=name: house.phase(name).startswith("waiting for"))
+    assert "waiting for store" in house.processes["task"].out
+    assert house.done() == 0
+    house.start_store()
+    assert house.digests() == reference(EPISODES)
+
+
+@pytest.mark.parametrize("missing", ["sim", "classifier", "agent"])
+def test_whoever_is_missing_is_waited_for(live: Any, wait_until: Callable[..., None], missing: str) -> None:
+    others = [name for name in ("task", "sim", "classifier", "agent") if name != missing]
+    live.start_loop(3, *others)
+    name = {"sim": "robot"}.get(missing, missing)
+    wait_until(f"it waits for the {name}", lambda: f"waiting for {name}" in live.phase("task"))
+    live.start_loop(3, missing)
+    wait_until("it ends", lambda: live.phase("task") == "finished")
+
+
+def test_a_store_that_dies_and_comes_back_loses_nothing(
+    live: Any, wait_until: Callable[..., None], reference: Reference
+) -> None:
+    live.start_loop(EPISODES)
+    for _ in range(3):
+        live.wait_actions(20)
+        live.processes["store"].popen.kill()
+        live.processes["store"].end()
+        wait_until("the task misses it", lambda: live.phase("task").startswith("waiting for store"))
+        live.start_store()
+        live.wait_alive("store")
+    assert live.digests() == reference(EPISODES)
+
+
+def test_a_worker_that_starts_while_the_store_is_away_waits_for_it(
+    live: Any, wait_until: Callable[..., None], reference: Reference
+) -> None:
+    live.start_loop(EPISODES)
+    live.wait_actions(60)
+    for name in ("store", "agent", "classifier", "task"):
+        live.processes[name].popen.kill()
+        live.processes[name].end()
+    live.start_loop(EPISODES, "task", "agent", "classifier")
+    wait_until("the task waits", lambda: live.phase("task").startswith("waiting for store"))
+    for name in ("agent", "classifier"):
+        wait_until(f"the {name} waits", lambda name=name: live.phase(name).startswith("waiting for"))
+    live.start_store()
+    assert live.digests() == reference(EPISODES)
+
+
+def fill(house: Any, wait_until: Callable[..., None]) -> None:
+    """Put large and ever smaller values into a store until nothing fits any more."""
+    for size in (64 * 1024, 8 * 1024, 1024, 100):
+        failures = house.refused("store").get("StoreFailedError", 0)
+
+        def full(size: int = size, failures: int = failures) -> bool:
+            for number in range(4):
+                key = house.keys.of(f"journal/ballast/{size}/{house.status('store').handled}-{number}/x")
+                house.session.put(key, bytes(size), encoding="application/octet-stream")
+            return bool(house.refused("store").get("StoreFailedError", 0) > failures)
+
+        wait_until(f"{size} bytes do not fit", full)
+
+
+def test_a_full_store_stops_the_run_until_there_is_room(
+    house: Any, wait_until: Callable[..., None], reference: Reference
+) -> None:
+    store = house.start_store("--max-bytes", str(1 << 20))
+    house.wait_alive("store")
+    fill(house, wait_until)
+    house.start_loop(EPISODES)
+    wait_until("the run waits", lambda: house.phase("task").startswith("waiting for store"))
+    wait_until("the store says why", lambda: house.phase("store").startswith("cannot write"))
+    assert "not stored" in store.out
+    assert store.stop(signal.SIGTERM) == 0
+    house.start_store("--max-bytes", str(64 << 20))
+    assert house.digests() == reference(EPISODES)
+
+
+def test_a_full_store_is_emptied_by_deletes_and_goes_on(
+    house: Any, wait_until: Callable[..., None], reference: Reference
+) -> None:
+    house.start_store("--max-bytes", str(1 << 20))
+    house.wait_alive("store")
+    fill(house, wait_until)
+    house.start_loop(EPISODES)
+    wait_until("the run waits", lambda: house.phase("task").startswith("waiting for store"))
+    house.session.delete(house.keys.of("journal/ballast/**"))
+    assert house.digests() == reference(EPISODES)
+
+
+def test_a_file_that_is_no_store_is_one_line(house: Any) -> None:
+    (house.folder / "store.sqlite").write_bytes(b"SQLite format 3\0" + bytes(2000))
+    process = house.start_store()
+    assert process.end() == 2
+    (line,) = process.err.splitlines()
+    assert line.startswith("treenail store: store: ")
+
+
+def test_a_router_that_starts_again_brings_all_back(live: Any, reference: Reference) -> None:
+    live.start_loop(EPISODES)
+    for _ in range(3):
+        live.wait_actions(15)
+        live.processes["router"].popen.kill()
+        live.processes["router"].end()
+        (live.folder / "z").unlink(missing_ok=True)  # what a killed router leaves of a socket in the file system
+        live.start("router")
+        live.wait_alive("task", "sim", "classifier", "agent", "store")
+    assert live.digests() == reference(EPISODES)
+
+
+def test_a_run_recorded_with_another_contract_is_refused(live: Any, wait_until: Callable[..., None]) -> None:
+    live.start_loop(1)
+    live.digests()
+    run = live.experiment().run
+    (record,) = [reply.ok for reply in live.session.get(live.keys.run_record(run))]
+    assert live.processes["task"].stop() == 0
+    old = record.payload.to_bytes().replace(live.status("agent").contract_sha256.encode(), b"0" * 64)
+    live.session.put(live.keys.run_record(run), old, encoding=encoding_of(RunRecord))
+    wait_until("the store has it", lambda: live.ask(f"journal/{run}/run", RunRecord).contract_sha256 == "0" * 64)
+    live.start_loop(1, "task")
+    assert live.processes["task"].end() == 2
+    (line,) = live.processes["task"].err.splitlines()
+    assert "was recorded with contract 000000000000" in line
+
+
+def test_a_worker_asks_the_task_for_what_it_missed(live: Any, reference: Reference) -> None:
+    """The steps of the episode under way are nowhere but in the task: whoever starts in its middle gets them there."""
+    live.start_loop(EPISODES)
+    live.wait_actions(30)
+    under_way = live.ask(TASK_STEPS, JournalEpisode)
+    assert encode(under_way)
+    for name in ("agent", "classifier"):
+        live.processes[name].popen.kill()
+    live.start_loop(EPISODES, "classifier", "agent")
+    assert live.digests() == reference(EPISODES)

@@ -1,0 +1,297 @@
+"""The simulated cell: same motions, same answers; whatever is refused moves nothing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from services.sim.cell import MOTION_NS, GuardError, OtherRunError, OutOfOrderError, SimulatedCell
+from services.wire.actions import Increment, increments
+from services.wire.codec import encode
+from services.wire.definition import Definition, Limits, Moves, Noise, Parts, Start
+from services.wire.errors import RefusedError
+from services.wire.messages import FtPacket, Home, Move, Moved
+from services.wire.randomness import Role, generator
+
+RUN = "test-s0"
+SETTINGS = Definition(
+    name="cell",
+    parts=Parts(chamfer_mm=0.0),
+    start=Start(x_mm=4.0, y_mm=-1.0, height_mm=0.3, rx_deg=0.5, ry_deg=0.2),
+)
+"""Beside a hole without a chamfer: two moves down the peg stands on the rim."""
+FREE = replace(SETTINGS, start=Start(height_mm=15.0))
+"""High above everything: nothing to feel."""
+HARD = replace(SETTINGS, limits=Limits(contact_force_n=0.3, collision_force_n=1.0, hard_force_n=2.0))
+Answer = tuple[Moved, FtPacket]
+
+
+def home(episode: int = 0, settings: Definition = SETTINGS) -> Home:
+    start = settings.start
+    return Home(
+        run=RUN,
+        episode=episode,
+        x_mm=start.x_mm,
+        y_mm=start.y_mm,
+        z_mm=-start.height_mm,
+        rx_deg=start.rx_deg,
+        ry_deg=start.ry_deg,
+        rz_deg=start.rz_deg,
+    )
+
+
+def down(step: int, episode: int = 0) -> Move:
+    return Move(run=RUN, episode=episode, step=step, dz_mm=0.2)
+
+
+def motions(count: int, episode: int = 0) -> list[Move]:
+    """Return made-up motions of all kinds, mostly downwards."""
+    kinds = increments(Moves())
+    picks = np.random.default_rng(episode).choice([4, 4, 0, 1, 2, 3, 4, 5, 6, 7, 8], size=count)
+    return [
+        Move(run=RUN, episode=episode, step=number + 1, **kinds[pick]._asdict())
+        for number, pick in enumerate(picks.tolist())
+    ]
+
+
+def cell(settings: Definition = SETTINGS, seed: int = 0) -> SimulatedCell:
+    return SimulatedCell(settings, RUN, seed)
+
+
+def made(robot: SimulatedCell, count: int, episode: int = 0, settings: Definition = SETTINGS) -> list[bytes]:
+    """Make an episode's motions and return the answers bit by bit."""
+    answers = [robot.home(home(episode, settings)), *(robot.move(move) for move in motions(count, episode))]
+    return [encode(part) for answer in answers for part in answer]
+
+
+def bits(answer: Answer) -> tuple[bytes, bytes]:
+    return encode(answer[0]), encode(answer[1])
+
+
+def force_of(answer: Answer) -> float:
+    return math.hypot(*answer[1].force_n[-1])
+
+
+@pytest.fixture(scope="module")
+def robot() -> SimulatedCell:
+    """One cell for the tests that begin with ``home``; building one takes a moment."""
+    return cell()
+
+
+def refused(robot: SimulatedCell, act: Callable[[], object], error: type[RefusedError], reason: str) -> None:
+    """Check that a motion is refused with its reason and that nothing moved."""
+    flange, peg = robot.world.flange, robot.world.peg
+    with pytest.raises(error) as caught:
+        act()
+    assert caught.value.reason == reason
+    assert (robot.world.flange, robot.world.peg) == (flange, peg)
+
+
+# -- motions -------------------------------------------------------------------------------------------------------
+
+
+def test_a_motion_is_answered_with_what_was_applied(robot: SimulatedCell) -> None:
+    moved, packet = robot.home(home(episode=3))
+    assert (moved.run, moved.episode, moved.step) == (RUN, 3, 0)
+    assert (moved.dx_mm, moved.dy_mm, moved.dz_mm, moved.rx_deg, moved.ry_deg, moved.rz_deg) == (0.0,) * 6
+    assert len(packet.force_n) == len(packet.torque_nm) == 1
+    assert (packet.status, packet.period_ns) == (0, 0)
+    for step, increment in enumerate(increments(Moves()), start=1):
+        moved, packet = robot.move(Move(run=RUN, episode=3, step=step, **increment._asdict()))
+        assert (moved.run, moved.episode, moved.step) == (RUN, 3, step)
+        assert (moved.dx_mm, moved.dy_mm, moved.dz_mm, moved.rx_deg, moved.ry_deg, moved.rz_deg) == increment
+        assert packet.t_ns >= moved.arrived_t_ns
+
+
+def test_standing_on_the_rim_is_felt(robot: SimulatedCell) -> None:
+    assert force_of(robot.home(home())) == 0.0
+    forces = [force_of(robot.move(down(step))) for step in range(1, 5)]
+    assert forces[-1] > 1.0
+    assert forces == sorted(forces)
+
+
+def test_the_last_motion_again_is_answered_again_and_not_made_again(robot: SimulatedCell) -> None:
+    robot.home(home())
+    for move in motions(12):
+        answer = robot.move(move)
+        flange, peg = robot.world.flange, robot.world.peg
+        for _ in range(2):
+            assert bits(robot.move(move)) == bits(answer)
+        assert (robot.world.flange, robot.world.peg) == (flange, peg)
+
+
+def test_asking_twice_changes_nothing_that_follows(robot: SimulatedCell) -> None:
+    once = made(robot, 10)
+    robot.home(home())
+    twice = [bits(robot.home(home()))]
+    for move in motions(10):
+        robot.move(move)
+        twice.append(bits(robot.move(move)))
+    assert [part for answer in twice for part in answer] == once
+
+
+def test_before_home_nothing_moves() -> None:
+    with pytest.raises(OutOfOrderError, match="the robot is not homed"):
+        cell().move(down(1))
+
+
+@pytest.mark.parametrize(("step", "episode"), [(1, 5), (2, 5), (5, 5), (4, 6), (1, 6), (4, 4), (2**62, 5)])
+def test_a_motion_out_of_order_is_refused(robot: SimulatedCell, step: int, episode: int) -> None:
+    robot.home(home(episode=5))
+    for number in (1, 2, 3):
+        last = robot.move(down(number, episode=5))
+    refused(robot, lambda: robot.move(down(step, episode)), OutOfOrderError, "out_of_order")
+    assert bits(robot.move(down(3, episode=5))) == bits(last)
+    assert robot.move(down(4, episode=5))[0].step == 4
+
+
+def test_the_last_step_with_another_increment_is_refused(robot: SimulatedCell) -> None:
+    robot.home(home())
+    robot.move(down(1))
+    other = Move(run=RUN, episode=0, step=1, dx_mm=0.2)
+    refused(robot, lambda: robot.move(other), OutOfOrderError, "out_of_order")
+
+
+def test_home_is_taken_at_any_time(robot: SimulatedCell) -> None:
+    fresh = bits(robot.home(home(episode=9)))
+    for count in (0, 1, 6):
+        robot.home(home(episode=2))
+        for move in motions(count, episode=2):
+            robot.move(move)
+        assert bits(robot.home(home(episode=9))) == fresh
+    assert robot.home(home(episode=1))[0].episode == 1, "an earlier episode, too"
+
+
+def test_another_run_is_refused(robot: SimulatedCell) -> None:
+    robot.home(home())
+    robot.move(down(1))
+    refused(robot, lambda: robot.move(replace(down(2), run="other-s0")), OtherRunError, "foreign_run")
+    refused(robot, lambda: robot.home(replace(home(), run="other-s0")), OtherRunError, "foreign_run")
+    assert robot.move(down(2))[0].step == 2
+
+
+# -- the guard -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "increment", [{"dz_mm": -0.2}, {"dz_mm": 0.3}, {"dx_mm": 0.3}, {"dy_mm": -0.3}, {"rx_deg": 0.3}, {"rz_deg": 0.1}]
+)
+def test_a_motion_beyond_the_limits_is_refused_and_the_next_good_one_made(
+    robot: SimulatedCell, increment: dict[str, float]
+) -> None:
+    robot.home(home())
+    robot.move(down(1))
+    bad = Move(run=RUN, episode=0, step=2, **increment)
+    for _ in range(2):
+        refused(robot, lambda: robot.move(bad), GuardError, "guard")
+    assert robot.move(down(2))[0].step == 2
+
+
+def test_above_the_hard_force_only_home_is_taken() -> None:
+    robot = cell(HARD)
+    answer = robot.home(home())
+    step = 0
+    while force_of(answer) <= 2.0:
+        step += 1
+        assert step < 10
+        last = down(step)
+        answer = robot.move(last)
+    following = Move(run=RUN, episode=0, step=step + 1)
+    refused(robot, lambda: robot.move(following), GuardError, "guard")
+    refused(robot, lambda: robot.move(down(step + 1)), GuardError, "guard")
+    assert bits(robot.move(last)) == bits(answer), "the last motion is still answered again"
+    robot.home(home(episode=1))
+    assert robot.move(down(1, episode=1))[0].step == 1
+
+
+# -- sameness ------------------------------------------------------------------------------------------------------
+
+
+def test_a_cell_brought_back_feels_the_same_bit_for_bit(robot: SimulatedCell) -> None:
+    expected = made(robot, 15, episode=2)
+    assert made(cell(), 15, episode=2) == expected
+    made(robot, 7, episode=4)
+    assert made(robot, 15, episode=2) == expected
+    assert len(set(expected)) > 10
+
+
+def test_time_and_number_are_a_function_of_episode_and_step(robot: SimulatedCell) -> None:
+    stamps = {}
+    for episode in (0, 1, 7):
+        answers = [robot.home(home(episode)), *(robot.move(move) for move in motions(4, episode))]
+        for step, (moved, packet) in enumerate(answers):
+            assert packet.t_ns == moved.arrived_t_ns == packet.sequence * MOTION_NS
+            stamps[episode, step] = packet.sequence
+    assert list(stamps.values()) == sorted(set(stamps.values()))
+    _, packet = cell(seed=3).home(home(episode=7))
+    assert packet.sequence == stamps[7, 0]
+
+
+def test_the_longest_episode_does_not_run_into_the_next() -> None:
+    """A limit on moves is at most 100 000 (``Limits.move_limit``)."""
+    robot = cell(FREE)
+    first = robot.home(home(0, FREE))[1].sequence
+    following = robot.home(home(1, FREE))[1].sequence
+    assert following - first > 100_000
+
+
+# -- noise ---------------------------------------------------------------------------------------------------------
+
+
+def noisy(settings: Definition, force_n: float = 0.0, torque_nm: float = 0.0) -> Definition:
+    return replace(settings, noise=Noise(force_n=force_n, torque_nm=torque_nm))
+
+
+def test_without_noise_the_answer_is_what_the_world_reads(robot: SimulatedCell) -> None:
+    witness = cell()
+    robot.home(home())
+    witness.home(home())
+    for move in motions(8):
+        _, packet = robot.move(move)
+        increment = Increment(move.dx_mm, move.dy_mm, move.dz_mm, move.rx_deg, move.ry_deg, move.rz_deg)
+        reading = witness.world.move(increment)
+        assert packet.force_n == (reading.force_n,)
+        assert packet.torque_nm == (reading.torque_nm,)
+
+
+def test_noise_is_what_is_drawn_for_seed_episode_and_step() -> None:
+    robot = cell(noisy(FREE, force_n=0.5, torque_nm=0.25), seed=6)
+    for episode in (0, 3):
+        answers = [robot.home(home(episode, FREE)), *(robot.move(down(step, episode)) for step in (1, 2, 3))]
+        for step, (_, packet) in enumerate(answers):
+            draw = generator(6, Role.SENSOR_NOISE, episode, step).standard_normal(6).tolist()
+            assert packet.force_n == (tuple(0.5 * value for value in draw[:3]),)
+            assert packet.torque_nm == (tuple(0.25 * value for value in draw[3:]),)
+
+
+def test_noise_adds_to_what_the_world_reads() -> None:
+    quiet, loud = cell(), cell(noisy(SETTINGS, force_n=0.5), seed=6)
+    quiet.home(home())
+    loud.home(home())
+    for move in motions(6):
+        (_, clean), (_, packet) = quiet.move(move), loud.move(move)
+        draw = generator(6, Role.SENSOR_NOISE, 0, move.step).standard_normal(6).tolist()
+        assert packet.force_n[0] == tuple(value + 0.5 * z for value, z in zip(clean.force_n[0], draw[:3], strict=True))
+        assert packet.torque_nm == clean.torque_nm
+
+
+def test_noise_does_not_depend_on_what_happened_before() -> None:
+    settings = noisy(FREE, force_n=0.5, torque_nm=0.25)
+    one, other = cell(settings, seed=1), cell(settings, seed=1)
+    made(one, 5, episode=8, settings=FREE)
+    assert made(one, 5, episode=2, settings=FREE) == made(other, 5, episode=2, settings=FREE)
+    assert made(cell(settings, seed=2), 5, episode=2, settings=FREE) != made(other, 5, episode=2, settings=FREE)
+
+
+def test_noise_has_the_size_asked_for() -> None:
+    robot = cell(noisy(FREE, force_n=0.5, torque_nm=0.125))
+    packets = [robot.home(home(episode, FREE))[1] for episode in range(300)]
+    forces = np.array([packet.force_n[0] for packet in packets])
+    torques = np.array([packet.torque_nm[0] for packet in packets])
+    assert np.allclose(forces.std(axis=0), 0.5, rtol=0.15)
+    assert np.allclose(torques.std(axis=0), 0.125, rtol=0.15)
+    assert np.allclose(forces.mean(axis=0), 0.0, atol=0.1)

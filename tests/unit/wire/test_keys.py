@@ -1,0 +1,79 @@
+"""Key expressions of a cell."""
+
+from __future__ import annotations
+
+import string
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from services.wire.errors import TreenailError
+from services.wire.keys import CONTRACT, JOURNAL_BLOCK, Keys
+from services.wire.messages import MESSAGES
+
+
+def test_every_key_lies_under_its_cell() -> None:
+    keys = Keys("bench-2")
+    assert keys.of("ft") == "treenail/bench-2/ft"
+    assert keys.alive("agent") == "treenail/bench-2/alive/agent"
+    assert keys.alive("*") == "treenail/bench-2/alive/*"
+    assert keys.heartbeat("agent") == "treenail/bench-2/heartbeat/agent"
+    assert keys.run_record("r-s0") == "treenail/bench-2/journal/r-s0/run"
+    assert keys.journal_latest("r-s0") == "treenail/bench-2/journal/r-s0/latest"
+    assert keys.checkpoint("r-s0", "agent", 40) == "treenail/bench-2/checkpoint/r-s0/agent/00000040"
+    assert keys.checkpoint_latest("r-s0", "agent") == "treenail/bench-2/checkpoint/r-s0/agent/latest"
+
+
+@pytest.mark.parametrize(
+    ("episode", "place"),
+    [
+        (0, "000000/00000000"),
+        (99, "000000/00000099"),
+        (100, "000001/00000100"),
+        (199, "000001/00000199"),
+        (1_234_567, "012345/01234567"),
+    ],
+)
+def test_an_episode_has_its_place_in_a_block(episode: int, place: str) -> None:
+    keys = Keys("a")
+    assert keys.journal("r", episode) == f"treenail/a/journal/r/{place}"
+    assert keys.journal_block("r", episode // JOURNAL_BLOCK) == f"treenail/a/journal/r/{place[:6]}/*"
+
+
+@given(st.lists(st.integers(0, 10**6), min_size=2, max_size=5, unique=True))
+def test_journal_keys_sort_like_their_episodes(episodes: list[int]) -> None:
+    keys = Keys("a")
+    assert sorted(keys.journal("r", episode) for episode in episodes) == [
+        keys.journal("r", episode) for episode in sorted(episodes)
+    ]
+
+
+@pytest.mark.parametrize("cell", ["a", "0", "a-b_c", "z" * 32])
+def test_a_good_cell_name_is_taken(cell: str) -> None:
+    assert Keys(cell).cell == cell
+
+
+@pytest.mark.parametrize(
+    "cell", ["", "A", "-a", "_a", "a/b", "a*", "**", "a b", "a\n", "ä", "z" * 33, "a?b", "a#", "$*"]
+)
+def test_a_bad_cell_name_is_refused(cell: str) -> None:
+    with pytest.raises(TreenailError, match=r"^cell: expected 1 to 32 of a-z 0-9 - _"):
+        Keys(cell)
+
+
+@given(st.text(max_size=40))
+def test_a_cell_name_that_is_taken_is_one_plain_part_of_a_key(cell: str) -> None:
+    try:
+        key = Keys(cell).of("ft")
+    except TreenailError:
+        return
+    assert set(cell) <= set(string.ascii_lowercase + string.digits + "-_")
+    assert key.split("/") == ["treenail", cell, "ft"]
+
+
+def test_the_contract_names_only_types_that_exist() -> None:
+    known = {kind.__name__ for kind in MESSAGES} | {"-"}
+    for key, _, _, types, _ in CONTRACT:
+        assert {name.strip() for name in types.split("->")} <= known, key
+    assert len({key for key, *_ in CONTRACT}) == len(CONTRACT)
