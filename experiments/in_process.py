@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from experiments.remembered_world import RememberedWorld
 from services.agent.fold import AgentFold
 from services.classifier.fold import ClassifierFold
 from services.sim.cell import SimulatedCell
@@ -19,9 +20,11 @@ from services.wire.messages import EpisodeSummary, FtPacket, Moved, Observation
 class InProcessRun:
     """A run of one definition with one seed."""
 
-    def __init__(self, definition: Definition, seed: int) -> None:
+    def __init__(self, definition: Definition, seed: int, *, remember: bool = False) -> None:
+        """Prepare the run; ``remember`` answers motions that were simulated before from memory, with the same bytes."""
         self.run = run_id(definition, seed)
-        self.cell = SimulatedCell(definition, self.run, seed)
+        world = RememberedWorld(definition) if remember else None
+        self.cell = SimulatedCell(definition, self.run, seed, world)
         self.task = Insertion(definition, self.run, seed)
         self.classifier = ClassifierFold(definition, self.run)
         self.agent = AgentFold(definition, self.run, seed)

@@ -81,7 +81,7 @@ def run_seed(definition: Definition, seed: int, episodes: int, advanced: Callabl
     # Physics and compiled kernels are loaded where they are used: the parent would only start more slowly.
     from experiments.in_process import InProcessRun
 
-    run = InProcessRun(definition, seed)
+    run = InProcessRun(definition, seed, remember=True)
     began = time.perf_counter()
     summaries = []
     for summary in run.episodes(episodes):

@@ -95,7 +95,5 @@ def _print(run: RunSummary, name: str) -> None:
     table.add_row("success", f"{first['success']:.1%}", f"{last['success']:.1%}")
     console = Console()
     console.print(table)
-    steady = "never" if run["steady_from"] is None else f"episode {run['steady_from']}"
-    console.print(
-        f"steady from {steady}; {run['collisions']} collisions; {run['states']} contact states", highlight=False
-    )
+    steady = "not yet" if run["steady_from"] is None else f"from episode {run['steady_from']}"
+    console.print(f"steady {steady}; {run['collisions']} collisions; {run['states']} contact states", highlight=False)

@@ -22,16 +22,16 @@ SERVICES = {
     "viewer": "live view in Rerun",
 }
 
+STUDIES = {"experiment": "experiments", "bench": "experiments.bench", "oracle": "experiments.oracle"}
+
 
 def main() -> None:
     """Run the command line; exit with its status."""
     arguments = sys.argv[1:]
     if arguments and arguments[0] in SERVICES:
         _become(f"services.{arguments[0]}", arguments[1:])
-    if arguments and arguments[0] == "experiment":
-        _become("experiments", arguments[1:])
-    if arguments and arguments[0] == "bench":
-        _become("experiments.bench", arguments[1:])
+    if arguments and arguments[0] in STUDIES:
+        _become(STUDIES[arguments[0]], arguments[1:])
     try:
         parsed = _parser().parse_args(arguments)
         sys.exit(parsed.act(parsed) or 0)
@@ -52,7 +52,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = Parser(
         prog="treenail",
         description="A robot learns to put pegs into holes by feel.",
-        epilog=f"one service as one process:\n{services}\n\nalso: experiment, bench; each has --help",
+        epilog=f"one service as one process:\n{services}\n\nalso: {', '.join(STUDIES)}; each has --help",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"treenail {version()}")

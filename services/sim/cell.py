@@ -43,8 +43,8 @@ class OtherRunError(RefusedError):
 class SimulatedCell:
     """Robot and sensor of one run."""
 
-    def __init__(self, definition: Definition, run: str, seed: int) -> None:
-        self.world = World(definition)
+    def __init__(self, definition: Definition, run: str, seed: int, world: World | None = None) -> None:
+        self.world = World(definition) if world is None else world
         self._noise = definition.noise
         self._guard = Guard(definition)
         self._run = run

@@ -170,7 +170,7 @@ class LearnerSettings(_Checked, frozen=True, kw_only=True):
     """One-step temporal-difference learner (thesis eqs. 4.4 and 4.5)."""
 
     kind: Literal["q_learning", "sarsa"] = "q_learning"
-    alpha: Annotated[float, Meta(gt=0, le=1)] = 0.5
+    alpha: Annotated[float, Meta(gt=0, le=1)] = 0.3
     """Learning rate."""
     gamma: Fraction = 0.95
     """Discount factor."""
@@ -196,7 +196,7 @@ class Softmax(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="softma
     """Gibbs distribution (thesis eq. 4.3) with beta = beta + beta_per_episode * n in episode n."""
 
     beta: NotNegative = 4.0
-    beta_per_episode: NotNegative = 0.1
+    beta_per_episode: NotNegative = 0.3
 
 
 Reward = InsertionReward | ForceChangeReward
