@@ -271,15 +271,24 @@ class Service:
 
         def ask(request: Message) -> M | Refusal | None:
             answers: list[M | Refusal | None] = []
+            replies: list[zenoh.Reply] = []
 
             def take(reply: zenoh.Reply) -> None:
-                answers.append(_answer_in(reply, kind))
+                try:
+                    answers.append(_answer_in(reply, kind))
+                except TreenailError:
+                    answers.append(None)
+                    raise
 
-            callback: Handler = Callback(
-                lambda reply: self._inbox.put((take, reply)),
-                lambda: self._inbox.put((answers.append, None)),
-                indirect=False,
-            )
+            def on_reply(reply: zenoh.Reply) -> None:
+                replies.append(reply)
+                self._inbox.put((take, reply))
+
+            def on_end() -> None:
+                if not replies:  # else the loop knows already, and need not be woken once more
+                    self._inbox.put((answers.append, None))
+
+            callback: Handler = Callback(on_reply, on_end, indirect=False)
             querier.get(handler=callback, payload=encode(request), encoding=encoding_of(type(request)))
             self.work_until(lambda: bool(answers), timeout_s)
             return answers[0] if answers else None
