@@ -288,7 +288,7 @@ class Service:
                 if not replies:  # else the loop knows already, and need not be woken once more
                     self._inbox.put((answers.append, None))
 
-            callback: Handler = Callback(on_reply, on_end, indirect=False)
+            callback: Callback[zenoh.Reply] = Callback(on_reply, on_end, indirect=False)
             querier.get(handler=callback, payload=encode(request), encoding=encoding_of(type(request)))
             self.work_until(lambda: bool(answers), timeout_s)
             return answers[0] if answers else None
