@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from services.wire.codec import decode, decode_any, encode, encoding_of
-from services.wire.definition import Definition, Greedy
+from services.wire.definition import Art2Settings, Definition, Greedy, LearnerSettings, Wrist
 from services.wire.messages import (
     Action,
     Alive,
@@ -101,7 +101,14 @@ VALUES: tuple[Message, ...] = (
     RunRecord(
         run=RUN,
         seed=2**63 - 1,
-        definition=Definition(name="golden", policy=Greedy()),
+        # Spelt out where defaults have moved since: these bytes are about the wire, not about defaults.
+        definition=Definition(
+            name="golden",
+            policy=Greedy(),
+            wrist=Wrist(sensor_height_mm=120.0),
+            classifier=Art2Settings(rho=0.94),
+            learner=LearnerSettings(alpha=0.3, gamma=0.9),
+        ),
         definition_sha256="ab" * 32,
         contract_sha256="0f" * 32,
     ),
