@@ -19,6 +19,7 @@ import msgspec
 
 from experiments.results import RunResult, Summary
 from services.wire.definition import Definition
+from services.wire.definition_file import run_id_of
 from services.wire.errors import TreenailError
 from services.wire.messages import EpisodeSummary
 
@@ -169,7 +170,7 @@ def _from_row(row: Sequence[str], definition_sha256: str) -> tuple[int, EpisodeS
         raise ValueError(f"expected {len(COLUMNS) + 1} values, got {len(row)}")
     seed = int(row[0])
     fields = dict(zip(COLUMNS.values(), row[1:], strict=True))
-    run = f"{definition_sha256[:16]}-s{seed}"
+    run = run_id_of(definition_sha256, seed)
     return seed, msgspec.convert({"run": run, **fields}, EpisodeSummary, strict=False)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TypeVar
 
-from services.wire.codec import contract_sha256, decode
+from services.wire.codec import decode
 from services.wire.errors import CellError, ContractError
 from services.wire.keys import LATEST
 from services.wire.messages import JournalEpisode, Message, RunRecord
@@ -29,8 +29,8 @@ class Journal:
         """
         service, run = self._service, self._record.run
         known = self._read(f"journal/{run}/run", RunRecord)
-        if known is not None and known.contract_sha256 != contract_sha256():
-            ours, theirs = contract_sha256()[:12], known.contract_sha256[:12]
+        if known is not None and known.contract_sha256 != service.contract:
+            ours, theirs = service.contract[:12], known.contract_sha256[:12]
             raise CellError(
                 f"store: run {run} was recorded with contract {theirs}, this is {ours}; "
                 "start with an empty store, or with the version that recorded it"

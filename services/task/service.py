@@ -5,7 +5,6 @@ from __future__ import annotations
 from services.task.insertion import Insertion
 from services.task.journal import Journal
 from services.task.robot import Robot
-from services.wire.codec import contract_sha256
 from services.wire.definition import Definition
 from services.wire.definition_file import definition_sha256, run_id
 from services.wire.errors import DivergedError, ForeignRunError, GapError
@@ -57,7 +56,7 @@ class TaskShell:
                 seed=seed,
                 definition=definition,
                 definition_sha256=self._sha256,
-                contract_sha256=contract_sha256(),
+                contract_sha256=service.contract,
             ),
         )
         self._robot = Robot(service)

@@ -99,7 +99,12 @@ def check_run(seed: int, episodes: int) -> None:
 
 def run_id(definition: Definition, seed: int) -> str:
     """Return the name of the run that a definition and a seed determine; starting it again goes on with it."""
-    return f"{definition_sha256(definition)[:16]}-s{seed}"
+    return run_id_of(definition_sha256(definition), seed)
+
+
+def run_id_of(sha256: str, seed: int) -> str:
+    """Return the name of the run of a definition known by its hash."""
+    return f"{sha256[:16]}-s{seed}"
 
 
 def _check_together(definition: Definition, places: Mapping[str, str], source: str) -> None:

@@ -80,7 +80,7 @@ class Service:
         self._next_beat = time.monotonic()
         self._inbox: queue.SimpleQueue[tuple[Callable[..., None], object]] = queue.SimpleQueue()
         self._declared: list[object] = []
-        self._contract = contract_sha256()
+        self.contract = contract_sha256()
         self._complained: dict[str, float] = {}
 
     # -- life ----------------------------------------------------------------------------------------------------
@@ -167,10 +167,6 @@ class Service:
         return None
 
     # -- what came in --------------------------------------------------------------------------------------------
-
-    def post(self, handler: Callable[[T], None], item: T) -> None:
-        """Put work into the inbox; safe from any thread, never blocks."""
-        self._inbox.put((handler, item))
 
     def subscribe(self, name: str, kind: type[M], handler: Callable[[M], None], *roles: str) -> None:
         """Hand each message on a key to ``handler``, in the loop: with ``roles``, only those of who holds one of them.
@@ -309,7 +305,7 @@ class Service:
             host=socket.gethostname(),
             pid=os.getpid(),
             version=version(),
-            contract_sha256=self._contract,
+            contract_sha256=self.contract,
             started_t_ns=self._started_ns,
             beat=self._beat,
             handled=self.handled,

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Generic, Protocol, TypeVar
 
-from services.wire.codec import contract_sha256
 from services.wire.errors import ContractError, DivergedError, FoldError, ForeignRunError, GapError, NoAnswerError
 from services.wire.keys import EXPERIMENT, JOURNAL_BLOCK, TASK_STEPS
 from services.wire.messages import Checkpoint, Experiment, JournalEpisode, RunRecord
@@ -102,7 +101,7 @@ class Worker(Generic[F]):
             service=service.name,
             episode=episode,
             decisions=self.fold.decisions,
-            contract_sha256=contract_sha256(),
+            contract_sha256=service.contract,
             snapshot=self.fold.snapshot(),
         )
         service.put(service.keys.checkpoint(checkpoint.run, service.name, episode), checkpoint)
