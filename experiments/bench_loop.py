@@ -23,6 +23,7 @@ from services.wire.definition_file import find, load, run_id
 from services.wire.errors import CellError
 from services.wire.keys import EPISODE
 from services.wire.messages import EpisodeSummary
+from services.wire.service import Options
 from services.wire.session import open_client
 
 TARGET_RATIO = 2.0
@@ -112,7 +113,7 @@ def distributed(case: Case, plan: Pattern) -> float:
         overrides = [word for item in case.overrides for word in ("--set", item)]
         length = ("--seed", str(case.seed), "--episodes", str(case.episodes))
         supervisor.start("router", "--listen", endpoint)
-        with Client("bench", [endpoint], timeout_s=30.0) as client:
+        with Client(Options("bench", (endpoint,))) as client:
             arrived: queue.SimpleQueue[tuple[float, EpisodeSummary]] = queue.SimpleQueue()
             client.subscribe(EPISODE, EpisodeSummary, lambda summary: arrived.put((time.perf_counter(), summary)))
             supervisor.start("store", *cell, "--file", str(folder / "store.sqlite"))

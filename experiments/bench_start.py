@@ -17,6 +17,7 @@ from services.cli.supervisor import last_line
 from services.wire.errors import CellError
 from services.wire.keys import EPISODE
 from services.wire.messages import EpisodeSummary
+from services.wire.service import Options
 
 TARGET_S = 10.0
 """On two cores."""
@@ -66,7 +67,7 @@ def _arrival(port: int, process: subprocess.Popen[bytes], said: Path) -> float:
         arrived.put(time.perf_counter())
 
     deadline = time.monotonic() + PATIENCE_S
-    with Client("a", [f"tcp/127.0.0.1:{port}"], timeout_s=PATIENCE_S) as client:
+    with Client(Options("a", (f"tcp/127.0.0.1:{port}",), PATIENCE_S)) as client:
         client.subscribe(EPISODE, EpisodeSummary, note)
         while time.monotonic() < deadline:
             try:

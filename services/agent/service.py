@@ -5,10 +5,11 @@ from __future__ import annotations
 from services.agent.fold import AgentFold
 from services.agent.policies import probabilities
 from services.wire.actions import action_names
+from services.wire.answers import Request
 from services.wire.errors import BadPayloadError
 from services.wire.keys import ACTION, POLICY, Q_TABLE, REWARD, STATE
 from services.wire.messages import Action, Experiment, PolicyAnswer, QTable, Reward, State
-from services.wire.service import Options, Request, Service
+from services.wire.service import Options, Service
 from services.wire.worker import Worker
 
 
@@ -90,6 +91,7 @@ def policy(worker: Worker[AgentFold], request: Request) -> PolicyAnswer:
         run=fold.run,
         policy_version=learner.version,
         state=state,
+        match=None,
         known=known,
         actions=actions,
         values=tuple(values.tolist()),

@@ -2,29 +2,42 @@
 
 from __future__ import annotations
 
+import argparse
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from types import TracebackType
 from typing import TypeVar
 
 import zenoh
 from zenoh.handlers import Callback
 
+from services.wire import command
 from services.wire.codec import decode
 from services.wire.errors import ContractError, NoAnswerError, RefusedError
 from services.wire.keys import Keys
 from services.wire.messages import Message
+from services.wire.service import Options
 from services.wire.session import open_client
 
 M = TypeVar("M", bound=Message)
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say which cell to ask, and where."""
+    command.add_arguments(parser, connect_timeout_s=5.0)
+
+
+def client_of(arguments: argparse.Namespace) -> Client:
+    """Return a client of the cell that parsed arguments name. Raises CellError when there is no router."""
+    return Client(command.options(arguments))
+
+
 class Client:
     """A session in a cell. Use as a context manager."""
 
-    def __init__(self, cell: str, endpoints: Sequence[str], timeout_s: float = 5.0) -> None:
-        self.keys = Keys(cell)
-        self.session = open_client(endpoints, timeout_s)
+    def __init__(self, options: Options) -> None:
+        self.keys = Keys(options.cell)
+        self.session = open_client(options.connect, options.connect_timeout_s, certs=options.certs)
         self._declared: list[object] = []
 
     def __enter__(self) -> Client:

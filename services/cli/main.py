@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable
+from importlib import import_module
 
 from services.wire.command import EXIT_ERROR, Parser
 from services.wire.errors import TreenailError
-from services.wire.session import DEFAULT_ENDPOINT
 from services.wire.version import version
 
 SERVICES = {
@@ -22,24 +21,49 @@ SERVICES = {
     "viewer": "live view in Rerun",
 }
 
-STUDIES = {"experiment": "experiments", "bench": "experiments.bench", "oracle": "experiments.oracle"}
+COMMANDS = {
+    "up": "bring up a whole cell on this machine and run an experiment",
+    "status": "print who is alive, and how it goes",
+    "top": "watch rates and latencies of a cell",
+    "get": "print what a key of the cell answers, as JSON",
+    "q-table": "print the agent's Q-table",
+    "policy": "print what the agent would do in a state, or when it feels a force",
+    "checkpoint": "list, show, export and import what was learnt",
+    "certs": "make a certificate authority and a certificate for each service",
+}
+"""Each is ``services.cli.<name>`` with ``add_arguments(parser)`` and ``act(arguments)``; its exit status is 0 or 1."""
+
+STUDIES = {
+    "experiment": ("experiments", "run an experiment in one process, without Zenoh"),
+    "bench": ("experiments.bench", "measure speed on this machine"),
+    "oracle": ("experiments.oracle", "search the best insertion with full knowledge of the pose"),
+}
 
 
 def main() -> None:
     """Run the command line; exit with its status."""
-    arguments = sys.argv[1:]
-    if arguments and arguments[0] in SERVICES:
-        _become(f"services.{arguments[0]}", arguments[1:])
-    if arguments and arguments[0] in STUDIES:
-        _become(STUDIES[arguments[0]], arguments[1:])
+    name, rest = (sys.argv[1], sys.argv[2:]) if len(sys.argv) > 1 else ("", [])
+    if name in SERVICES:
+        _become(f"services.{name}", rest)
+    if name in STUDIES:
+        _become(STUDIES[name][0], rest)
+    if name not in COMMANDS:
+        _overview().parse_args([name] if name else [])
     try:
-        parsed = _parser().parse_args(arguments)
-        sys.exit(parsed.act(parsed) or 0)
+        sys.exit(_command(name, rest))
     except TreenailError as error:
-        print(f"treenail {arguments[0]}: {error}", file=sys.stderr)
+        print(f"treenail {name}: {error}", file=sys.stderr)
         sys.exit(EXIT_ERROR)
     except KeyboardInterrupt:
         sys.exit(130)
+
+
+def _command(name: str, words: list[str]) -> int:
+    """Run one of COMMANDS and return its exit status; only its own module is loaded."""
+    module = import_module(f"services.cli.{name.replace('-', '_')}")
+    parser = Parser(prog=f"treenail {name}", description=COMMANDS[name])
+    module.add_arguments(parser)
+    return int(module.act(parser.parse_args(words)) or 0)
 
 
 def _become(module: str, arguments: list[str]) -> None:
@@ -47,60 +71,28 @@ def _become(module: str, arguments: list[str]) -> None:
     os.execv(sys.executable, [sys.executable, "-m", module, *arguments])
 
 
-def _parser() -> argparse.ArgumentParser:
-    services = "\n".join(f"  {name:<12}{summary}" for name, summary in SERVICES.items())
+def _overview() -> argparse.ArgumentParser:
+    """Return a parser that knows no command: for help, the version, and the error about an unknown one."""
+    groups = {
+        "commands": COMMANDS,
+        "studies, without a cell": {name: summary for name, (_, summary) in STUDIES.items()},
+        "one service as one process": SERVICES,
+    }
     parser = Parser(
         prog="treenail",
+        usage="treenail COMMAND ...",
         description="A robot learns to put pegs into holes by feel.",
-        epilog=f"one service as one process:\n{services}\n\nalso: {', '.join(STUDIES)}; each has --help",
+        epilog="\n\n".join(f"{title}:\n{_table(names)}" for title, names in groups.items()) + "\n\neach has --help",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"treenail {version()}")
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    _add_up(commands)
-    _add_query(commands, "get", "print what a key of the cell answers, as JSON").add_argument(
-        "key", help="key within the cell, such as agent/q_table or agent/policy?state=7"
-    )
-    commands.choices["get"].add_argument("--compact", action="store_true", help="on one line")
-    for name, summary in (("q-table", "print the agent's Q-table"), ("status", "print who is alive, and how it goes")):
-        _add_query(commands, name, summary).add_argument("--json", action="store_true", help="as JSON")
+    known = (*COMMANDS, *STUDIES, *SERVICES)
+    parser.add_argument("command", choices=known, metavar="COMMAND", help=argparse.SUPPRESS)
     return parser
 
 
-def _add_up(commands: argparse._SubParsersAction[Parser]) -> None:
-    def act(arguments: argparse.Namespace) -> int:
-        from services.cli.up import up
-
-        return up(arguments)
-
-    from services.cli.up import add_arguments
-
-    made = commands.add_parser("up", help="bring up a whole cell on this machine and run an experiment")
-    add_arguments(made)
-    made.set_defaults(act=act)
-
-
-def _add_query(commands: argparse._SubParsersAction[Parser], name: str, summary: str) -> argparse.ArgumentParser:
-    made = commands.add_parser(name, help=summary, description=summary)
-    made.add_argument("--cell", default="a", help="name of the cell (default: a)")
-    made.add_argument(
-        "--connect", action="append", metavar="ENDPOINT", help=f"the router's endpoint (default: {DEFAULT_ENDPOINT})"
-    )
-    made.set_defaults(act=lambda arguments: _query(name, arguments))
-    return made
-
-
-def _query(name: str, arguments: argparse.Namespace) -> None:
-    from services.cli import queries
-    from services.cli.client import Client
-
-    acts: dict[str, Callable[[Client, argparse.Namespace], None]] = {
-        "get": queries.get,
-        "q-table": queries.q_table,
-        "status": queries.status,
-    }
-    with Client(arguments.cell, arguments.connect or [DEFAULT_ENDPOINT]) as client:
-        acts[name](client, arguments)
+def _table(names: dict[str, str]) -> str:
+    return "\n".join(f"  {name:<12}{summary}" for name, summary in names.items())
 
 
 if __name__ == "__main__":

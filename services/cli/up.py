@@ -15,13 +15,15 @@ from pathlib import Path
 from experiments.result_files import prepare
 from services.cli.client import Client
 from services.cli.finish import finish
-from services.cli.progress import Progress, Reporter
+from services.cli.progress import Reporter
 from services.cli.supervisor import Supervisor
 from services.wire.definition import Definition
 from services.wire.definition_file import check_run, definition_sha256, find, load, run_id
 from services.wire.errors import CellError, ContractError, NoAnswerError, RefusedError
 from services.wire.keys import EPISODE, EXPERIMENT, Keys
 from services.wire.messages import EpisodeSummary, Experiment
+from services.wire.progress import Progress
+from services.wire.service import Options
 
 PROFILES = ("sim",)
 EXIT_INTERRUPTED = 130
@@ -58,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--save", type=Path, metavar="FILE.rrd", help="let the viewer service record as well")
 
 
-def up(arguments: argparse.Namespace) -> int:
+def act(arguments: argparse.Namespace) -> int:
     """Bring a cell up, watch it to the end of its run, write the results; return the exit status."""
     plan = _plan(arguments)
     stop = _StopFlag()
@@ -179,7 +181,7 @@ def _client(plan: Plan, mind: Callable[[], None]) -> Client:
     while True:
         mind()
         try:
-            return Client(plan.arguments.cell, [plan.endpoint], timeout_s=0.5)
+            return Client(Options(plan.arguments.cell, (plan.endpoint,), connect_timeout_s=0.5))
         except CellError:
             if time.monotonic() > deadline:
                 raise

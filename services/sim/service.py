@@ -5,10 +5,11 @@ from __future__ import annotations
 import time
 
 from services.sim.cell import SimulatedCell
+from services.wire.answers import Request
 from services.wire.errors import ContractError, NoAnswerError
 from services.wire.keys import EXPERIMENT, FT, HOME, MOVE, TRUTH
 from services.wire.messages import Experiment, FtPacket, Home, Move, Moved, Truth
-from services.wire.service import Options, Request, Service
+from services.wire.service import Options, Service
 
 TRUTH_EVERY_S = 1 / 30
 

@@ -56,6 +56,7 @@ class TaskShell:
                 seed=seed,
                 definition=definition,
                 definition_sha256=self._sha256,
+                skill_sha256=None,
                 contract_sha256=service.contract,
             ),
         )
@@ -182,6 +183,8 @@ class TaskShell:
             seed=self._seed,
             definition=self._definition,
             definition_sha256=self._sha256,
+            skill_sha256=None,
+            first_policy_version=0,
             episodes=self._episodes,
             episodes_done=self._done,
             decisions=self._decisions,

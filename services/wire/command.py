@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from typing import NoReturn
 
 from services.wire.errors import TreenailError
@@ -17,6 +18,10 @@ from services.wire.session import DEFAULT_ENDPOINT
 
 DIE_WITH_PARENT = "TREENAIL_DIE_WITH_PARENT"
 """Environment variable with the process id of the parent to die with."""
+CELL = "TREENAIL_CELL"
+CONNECT = "TREENAIL_CONNECT"
+CERTS = "TREENAIL_CERTS"
+"""Environment variables that stand in for options, so that a container or a shell is told once."""
 _PR_SET_PDEATHSIG = 1
 EXIT_ERROR = 2
 """Exit status of a service that could not start or go on, and said why in one line."""
@@ -33,21 +38,47 @@ class Parser(argparse.ArgumentParser):
 def parser(name: str, summary: str) -> argparse.ArgumentParser:
     """Return a parser with the options that every service takes."""
     made = Parser(prog=f"treenail {name}", description=summary)
-    made.add_argument("--cell", default="a", help="name of the cell (default: a)")
+    add_arguments(made)
+    return made
+
+
+def add_arguments(made: argparse.ArgumentParser, connect_timeout_s: float = 30.0) -> None:
+    """Add the options that say which cell, where its router is, and who we are."""
+    made.add_argument("--cell", default=os.environ.get(CELL, "a"), help=f"name of the cell (default: ${CELL} or a)")
     made.add_argument(
         "--connect",
         action="append",
         metavar="ENDPOINT",
-        help=f"Zenoh endpoint of the router, may be repeated (default: {DEFAULT_ENDPOINT})",
+        help=f"Zenoh endpoint of the router, may be repeated (default: ${CONNECT}, with commas, or {DEFAULT_ENDPOINT})",
     )
-    made.add_argument("--connect-timeout", type=float, default=30.0, metavar="S", help="seconds to wait for the router")
-    return made
+    made.add_argument(
+        "--connect-timeout",
+        type=float,
+        default=connect_timeout_s,
+        metavar="S",
+        help=f"seconds to wait for the router (default: {connect_timeout_s:g})",
+    )
+    add_certs(made)
+
+
+def add_certs(made: argparse.ArgumentParser) -> None:
+    """Add the option that says who we are."""
+    made.add_argument(
+        "--certs",
+        type=Path,
+        default=os.environ.get(CERTS) or None,
+        metavar="FOLDER",
+        help=f"folder with ca.pem, cert.pem and key.pem, from treenail certs, for mutual TLS (default: ${CERTS})",
+    )
 
 
 def options(arguments: argparse.Namespace) -> Options:
     """Return the shared options of parsed arguments."""
-    connect = tuple(arguments.connect or (DEFAULT_ENDPOINT,))
-    return Options(cell=arguments.cell, connect=connect, connect_timeout_s=arguments.connect_timeout)
+    told = [word.strip() for word in os.environ.get(CONNECT, "").split(",") if word.strip()]
+    connect = tuple(arguments.connect or told or (DEFAULT_ENDPOINT,))
+    return Options(
+        cell=arguments.cell, connect=connect, connect_timeout_s=arguments.connect_timeout, certs=arguments.certs
+    )
 
 
 def die_with_parent() -> None:

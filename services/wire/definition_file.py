@@ -97,14 +97,17 @@ def check_run(seed: int, episodes: int) -> None:
         raise TreenailError(f"--episodes: expected 1 or more, got {episodes}")
 
 
-def run_id(definition: Definition, seed: int) -> str:
-    """Return the name of the run that a definition and a seed determine; starting it again goes on with it."""
-    return run_id_of(definition_sha256(definition), seed)
+def run_id(definition: Definition, seed: int, skill_sha256: str | None = None) -> str:
+    """Return the name of the run that a definition, a seed and the skill it begins with determine.
+
+    Starting it again goes on with it.
+    """
+    return run_id_of(definition_sha256(definition), seed, skill_sha256)
 
 
-def run_id_of(sha256: str, seed: int) -> str:
+def run_id_of(sha256: str, seed: int, skill_sha256: str | None = None) -> str:
     """Return the name of the run of a definition known by its hash."""
-    return f"{sha256[:16]}-s{seed}"
+    return f"{sha256[:16]}-s{seed}" + ("" if skill_sha256 is None else f"-k{skill_sha256[:16]}")
 
 
 def _check_together(definition: Definition, places: Mapping[str, str], source: str) -> None:

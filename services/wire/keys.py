@@ -24,6 +24,8 @@ TRUTH = "sim/truth"
 Q_TABLE = "agent/q_table"
 POLICY = "agent/policy"
 CLASSIFIER_STATES = "classifier/states"
+CLASSIFY = "classifier/classify"
+SKILL = "checkpoint/skill"
 LATEST = "latest"
 
 CONTRACT: tuple[tuple[str, str, str, str, str], ...] = (
@@ -38,14 +40,17 @@ CONTRACT: tuple[tuple[str, str, str, str, str], ...] = (
     (EXPERIMENT, "query", "anyone -> task", "Experiment", "what runs, and how far it is"),
     (TASK_STEPS, "query", "workers -> task", "JournalEpisode", "the decisions of the episode under way"),
     (Q_TABLE, "query", "anyone -> agent", "QTable", "all action values"),
-    (POLICY, "query", "anyone -> agent", "PolicyAnswer", "`?state=7`: values, probabilities and best action"),
+    (POLICY, "query", "anyone -> agent", "PolicyAnswer", "`?state=7` or `?ft=fx,fy,fz,tx,ty,tz`: values, best action"),
     (CLASSIFIER_STATES, "query", "anyone -> classifier", "ClassifierStates", "prototypes and counts"),
+    (CLASSIFY, "query", "anyone -> classifier", "Classified", "`?ft=fx,fy,fz,tx,ty,tz` [N, N m]: its contact state"),
     (TRUTH, "pub", "sim -> viewer", "Truth", "the true pose, some 30 times a second; never seen by a learner"),
     ("journal/<run>/run", "put, query", "task <-> store", "RunRecord", "what the run is"),
     ("journal/<run>/<block>/<episode>", "put, query", "task <-> store", "JournalEpisode", "one episode"),
     ("journal/<run>/latest", "put, query", "task <-> store", "JournalEpisode", "the newest episode once more"),
     ("checkpoint/<run>/<service>/<episode>", "put, query", "workers <-> store", "Checkpoint", "memory before it"),
     ("checkpoint/<run>/<service>/latest", "put, query", "workers <-> store", "Checkpoint", "the newest once more"),
+    (f"{SKILL}/<sha256>", "put, query", "anyone <-> store", "Skill", "a learnt skill, named by its hash"),
+    (f"{SKILL}/latest", "put, query", "anyone <-> store, task", "Skill", "the one that the next run begins with"),
     ("alive/<service>", "liveliness, query", "each service", "Alive", "who is here"),
     ("claim/<service>/<instance>", "liveliness", "each service", "-", "who holds a role: one per cell"),
     ("heartbeat/<service>", "pub", "each service", "Alive", "once a second, from the work loop"),
@@ -98,3 +103,7 @@ class Keys:
     def checkpoint_latest(self, run: str, service: str) -> str:
         """Key of a worker's newest checkpoint."""
         return self.of(f"checkpoint/{run}/{service}/{LATEST}")
+
+    def skill(self, sha256: str) -> str:
+        """Key of a skill; ``LATEST`` for the one that the next run begins with."""
+        return self.of(f"{SKILL}/{sha256}")

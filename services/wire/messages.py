@@ -182,10 +182,16 @@ class EpisodeSummary(Message, frozen=True, kw_only=True):
 class Experiment(Message, frozen=True, kw_only=True):
     """Reply to ``experiment``: what runs, and how far it is."""
 
+    VERSION: ClassVar[int] = 2
+
     run: RunId
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
     definition: Definition
     definition_sha256: Sha256
+    skill_sha256: Sha256 | None
+    """The skill that the workers started from; None for a run that began with nothing learnt."""
+    first_policy_version: Count
+    """Learning updates in that skill: the policy version that the run began with."""
     episodes: Count
     """Length of the run."""
     episodes_done: Count
@@ -208,11 +214,16 @@ class QTable(Message, frozen=True, kw_only=True):
 
 
 class PolicyAnswer(Message, frozen=True, kw_only=True):
-    """Reply to ``agent/policy``: what the agent would do in one state."""
+    """Reply to ``agent/policy``: what the agent would do in one state, or when it feels one F/T vector."""
+
+    VERSION: ClassVar[int] = 2
 
     run: RunId
     policy_version: Count
-    state: Count
+    state: Count | None
+    """None when an F/T vector fits no contact state known so far."""
+    match: Annotated[float, Meta(ge=-1, le=1.000001)] | None
+    """How well the F/T vector fits; None when a state was asked for."""
     known: bool
     """False for a state never decided in; its values are the initial zeros."""
     actions: tuple[str, ...]
@@ -234,13 +245,27 @@ class ClassifierStates(Message, frozen=True, kw_only=True):
     digest: Sha256
 
 
+class Classified(Message, frozen=True, kw_only=True):
+    """Reply to ``classifier/classify``: the contact state of one F/T vector; nothing is learnt from it."""
+
+    run: RunId
+    decisions: Count
+    states: Count
+    state: Count | None
+    """None when it fits no state known so far."""
+    match: Annotated[float, Meta(ge=-1, le=1.000001)]
+
+
 class RunRecord(Message, frozen=True, kw_only=True):
     """``journal/<run>/run``: what the run is; its presence proves that the store knows the run."""
+
+    VERSION: ClassVar[int] = 2
 
     run: RunId
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
     definition: Definition
     definition_sha256: Sha256
+    skill_sha256: Sha256 | None
     contract_sha256: Sha256
 
 
@@ -276,6 +301,29 @@ class Checkpoint(Message, frozen=True, kw_only=True):
     decisions: Count
     contract_sha256: Sha256
     snapshot: dict[str, bytes | int]
+
+
+class Skill(Message, frozen=True, kw_only=True):
+    """``checkpoint/skill/<sha256>``, and an exported file: all that was learnt in a run, for another run to begin with.
+
+    It is named by the SHA-256 of its encoded bytes.
+    """
+
+    run: RunId
+    """Where it was learnt."""
+    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
+    definition: Definition
+    definition_sha256: Sha256
+    contract_sha256: Sha256
+    skill_sha256: Sha256 | None
+    """What that run itself had begun with."""
+    actions: tuple[str, ...]
+    episodes: Count
+    """Episodes that it was learnt in, those of ``skill_sha256`` included."""
+    agent: dict[str, bytes | int]
+    """Memory of the learner."""
+    classifier: dict[str, bytes | int]
+    """Memory of the classifier."""
 
 
 class Alive(Message, frozen=True, kw_only=True):
@@ -314,8 +362,10 @@ MESSAGES: tuple[type[Message], ...] = (
     QTable,
     PolicyAnswer,
     ClassifierStates,
+    Classified,
     RunRecord,
     JournalEpisode,
     Checkpoint,
+    Skill,
     Alive,
 )

@@ -13,18 +13,20 @@ import signal
 import socket
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TypeAlias, TypeVar
 
 import zenoh
 from zenoh.handlers import Callback
 
-from services.wire.codec import contract_sha256, decode, encode, encode_json, encoding_of
-from services.wire.errors import BadPayloadError, CellError, NoAnswerError, RefusedError, TreenailError
+from services.wire.answers import Asked, Request
+from services.wire.codec import contract_sha256, decode, encode, encoding_of
+from services.wire.errors import CellError, NoAnswerError, TreenailError
 from services.wire.keys import Keys
-from services.wire.messages import Alive, Message, Reason, Refusal
+from services.wire.messages import Alive, Message, Refusal
 from services.wire.roles import Roles
 from services.wire.session import DEFAULT_ENDPOINT, open_client
 from services.wire.version import version
@@ -47,19 +49,8 @@ class Options:
     """Zenoh endpoints of the router, tried in turn."""
     connect_timeout_s: float = 30.0
     """How long to wait for the router at the start."""
-
-
-@dataclass(frozen=True)
-class Request:
-    """A query as a handler sees it."""
-
-    parameters: Mapping[str, str]
-    payload: bytes
-    encoding: str
-
-    def message(self, kind: type[M]) -> M:
-        """Return the request message in the payload; raises ContractError."""
-        return decode(kind, self.payload, self.encoding)
+    certs: Path | None = None
+    """Folder with ca.pem, cert.pem and key.pem for mutual TLS; None without."""
 
 
 class Service:
@@ -89,7 +80,9 @@ class Service:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
         try:
-            self.session = open_client(self.options.connect, self.options.connect_timeout_s, lambda: self.stopping)
+            self.session = open_client(
+                self.options.connect, self.options.connect_timeout_s, lambda: self.stopping, self.options.certs
+            )
         except CellError:
             if self.stopping:
                 raise SystemExit(0) from None
@@ -203,7 +196,16 @@ class Service:
         ``parameters`` are the names that a query may have beside ``format``.
         """
         key = self.keys.of(name)
-        self.answer_raw(name, lambda query: self._reply(query, key, handler, parameters))
+
+        def take(query: zenoh.Query) -> None:
+            asked = Asked(query, key, parameters)
+            try:
+                asked.reply(handler(asked.request()))
+            except TreenailError as error:
+                self.refuse(error)
+                asked.refuse(error)
+
+        self.answer_raw(name, take)
 
     def answer_raw(self, name: str, handler: Callable[[zenoh.Query], None]) -> None:
         """Hand each query on a key expression to ``handler``, in the loop; the query is final when it returns."""
@@ -324,24 +326,6 @@ class Service:
         if self._roles.ousted is not None:
             self.stop()
 
-    def _reply(
-        self, query: zenoh.Query, key: str, handler: Callable[[Request], Message], allowed: tuple[str, ...]
-    ) -> None:
-        as_json, parameters = False, parameters_of(query)
-        payload = b"" if query.payload is None else query.payload.to_bytes()
-        encoding = "" if query.encoding is None else str(query.encoding)
-        try:
-            as_json = wants_json(parameters.pop("format", "msgpack"))
-            _check_parameters(parameters, allowed)
-            message = handler(Request(parameters, payload, encoding))
-        except TreenailError as error:
-            self.refuse(error)
-            refusal = Refusal(reason=_reason(error), message=str(error)[:1000])
-            query.reply_err(encode_json(refusal) if as_json else encode(refusal), encoding=_encoding(Refusal, as_json))
-            return
-        body = encode_json(message) if as_json else encode(message)
-        query.reply(key, body, encoding=_encoding(type(message), as_json))
-
 
 def _answer_in(reply: zenoh.Reply, kind: type[M]) -> M | Refusal | None:
     """Return the message in a reply, or why it was refused; None for an error of Zenoh's own, such as a time-out."""
@@ -350,36 +334,6 @@ def _answer_in(reply: zenoh.Reply, kind: type[M]) -> M | Refusal | None:
     if reply.err is not None and str(reply.err.encoding) == encoding_of(Refusal):
         return decode(Refusal, reply.err.payload.to_bytes(), encoding_of(Refusal))
     return None
-
-
-def parameters_of(query: zenoh.Query) -> dict[str, str]:
-    """Return the parameters after the ``?`` of a query's selector."""
-    pairs = (part.partition("=") for part in str(query.parameters).split(";") if part)
-    return {name: value for name, _, value in pairs}
-
-
-def wants_json(form: str) -> bool:
-    """Return whether a query's ``format`` parameter asks for JSON. Raises BadPayloadError for an unknown form."""
-    if form not in ("json", "msgpack"):
-        raise BadPayloadError(f"format: expected json or msgpack, got {form[:20]!r}")
-    return form == "json"
-
-
-def _check_parameters(parameters: Mapping[str, str], allowed: tuple[str, ...]) -> None:
-    """Raise BadPayloadError for a parameter that nobody would read; names with ``_`` in front are Zenoh's own."""
-    for name in parameters:
-        if name not in allowed and not name.startswith("_"):
-            expected = ", ".join((*allowed, "format"))
-            raise BadPayloadError(f"parameter: expected one of {expected}, got {name[:20]!r}")
-
-
-def _encoding(kind: type[Message], as_json: bool) -> str:
-    return "application/json" if as_json else encoding_of(kind)
-
-
-def _reason(error: TreenailError) -> Reason:
-    """Return the stable reason of a Refusal: an error's own, or the one of its kind."""
-    return error.reason if isinstance(error, RefusedError) else "bad_request"
 
 
 def _nothing(_: object) -> None:

@@ -6,6 +6,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 # Zenoh reads this once per process, before its first session. Fewer runtimes mean fewer wake-ups and so less latency,
 # but sending keeps a runtime of its own: a receiving thread that has to wait for room in the send queue would otherwise
@@ -49,7 +50,10 @@ def _config(settings: dict[str, object]) -> zenoh.Config:
 
 
 def open_client(
-    endpoints: Sequence[str], timeout_s: float = 30.0, stopping: Callable[[], bool] = lambda: False
+    endpoints: Sequence[str],
+    timeout_s: float = 30.0,
+    stopping: Callable[[], bool] = lambda: False,
+    certs: Path | None = None,
 ) -> zenoh.Session:
     """Return a session with the router at one of ``endpoints``, waiting for it to come up.
 

@@ -191,6 +191,8 @@ EXPERIMENT_ANSWER = Experiment(
     seed=1,
     definition=Definition(name="x"),
     definition_sha256="0" * 64,
+    skill_sha256=None,
+    first_policy_version=0,
     episodes=10,
     episodes_done=0,
     decisions=0,

@@ -56,6 +56,8 @@ def experiment(run: str = "r1", limit_n: float = 7.5) -> Experiment:
         seed=1,
         definition=Definition(name="x", limits=Limits(collision_force_n=limit_n)),
         definition_sha256="0" * 64,
+        skill_sha256=None,
+        first_policy_version=0,
         episodes=10,
         episodes_done=0,
         decisions=0,

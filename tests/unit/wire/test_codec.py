@@ -66,7 +66,9 @@ def test_json_has_all_fields_and_nothing_but_json(
 
 def test_a_nested_definition_keeps_the_kind_of_its_parts() -> None:
     definition = Definition(name="x", reward=ForceChangeReward(fell_by=0.25), policy=Greedy())
-    record = RunRecord(run="r", seed=0, definition=definition, definition_sha256="0" * 64, contract_sha256="1" * 64)
+    record = RunRecord(
+        run="r", seed=0, definition=definition, definition_sha256="0" * 64, skill_sha256=None, contract_sha256="1" * 64
+    )
     back = codec.decode_payload(RunRecord, codec.encode(record))
     assert back.definition.reward == ForceChangeReward(fell_by=0.25)
     assert back.definition.policy == Greedy()
@@ -110,10 +112,10 @@ def test_another_type_is_refused(sample_of: Callable[[Any], Any], kind: type[Mes
 
 
 @every_type
-@pytest.mark.parametrize("version", ["0", "2", "01", "11", "9" * 400])
+@pytest.mark.parametrize("version", ["0", "99", "01", "11", "9" * 400])
 def test_another_version_is_refused(sample_of: Callable[[Any], Any], kind: type[Message], version: str) -> None:
-    encoding = codec.encoding_of(kind).removesuffix("1") + version
-    with pytest.raises(WrongVersionError, match=f"^{kind.__name__}: expected version 1, got version "):
+    encoding = codec.encoding_of(kind).removesuffix(str(kind.VERSION)) + version
+    with pytest.raises(WrongVersionError, match=f"^{kind.__name__}: expected version {kind.VERSION}, got version "):
         codec.decode(kind, codec.encode(sample_of(kind)), encoding)
     with pytest.raises(WrongVersionError):
         codec.decode_any(codec.encode(sample_of(kind)), encoding)

@@ -1,0 +1,56 @@
+"""How a run is going, in numbers: the last ten episodes, and the pace."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from dataclasses import dataclass, field
+
+from services.wire.messages import EpisodeSummary
+
+WINDOW = 10
+
+
+@dataclass
+class Progress:
+    """The last ten episodes in numbers, and the pace."""
+
+    episodes: int
+    """Length of the run."""
+    done: int = 0
+    recent: deque[EpisodeSummary] = field(default_factory=lambda: deque(maxlen=WINDOW))
+    moves: int = 0
+    _since: float = field(default_factory=time.monotonic)
+    _pace: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=50))
+
+    def add(self, summary: EpisodeSummary) -> None:
+        """Count one finished episode."""
+        self.done = summary.episode + 1
+        self.recent.append(summary)
+        self.moves += summary.moves
+        self._pace.append((time.monotonic(), self.moves))
+
+    def steps_per_s(self) -> float:
+        """Return the moves per second over the last episodes."""
+        if len(self._pace) < 2:
+            return 0.0
+        (began, first), (ended, last) = self._pace[0], self._pace[-1]
+        return (last - first) / max(ended - began, 1e-9)
+
+    def fields(self) -> dict[str, str]:
+        """Return what is shown, as text by label."""
+        recent = self.recent
+        shown: dict[str, str] = {"episode": f"{self.done}/{self.episodes}"}
+        if recent:
+            shown |= {
+                "return(10)": f"{sum(item.episode_return for item in recent) / len(recent):.1f}",
+                "failures/10": str(sum(item.outcome != "inserted" for item in recent)),
+                "force": f"{sum(item.mean_force_n for item in recent) / len(recent):.2f} N",
+                "states": str(recent[-1].states),
+                "steps/s": f"{self.steps_per_s():.0f}",
+            }
+        return shown
+
+    def line(self) -> str:
+        """Return the state of the run as one line."""
+        return "  ".join(f"{label} {value}" for label, value in self.fields().items())
