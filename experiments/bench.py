@@ -15,10 +15,12 @@ from services.wire.randomness import MAX_SEED
 PROGRAM = "treenail bench"
 SUMMARIES = {
     "loop": "what being distributed costs: physics, a bare Zenoh chain and the real cell, per decision",
+    "query": "how long the agent takes to answer while it learns at full speed, and what that costs it",
     "sim": "moves a second: in free air, in contact, in whole episodes",
     "art2": "one classify-and-learn step",
     "learner": "updates a second, and one decision",
     "start": "from `treenail up sim` to its first finished episode",
+    "viewer": "memory and processor that the viewer takes beside a cell at full speed, and whether they grow",
 }
 
 
@@ -66,7 +68,14 @@ def _shown(value: Value) -> str:
 def _loop(arguments: argparse.Namespace) -> dict[str, Value]:
     from experiments.bench_loop import Case, measure
 
-    case = Case(arguments.experiment, tuple(arguments.set), arguments.seed, arguments.episodes)
+    case = Case(arguments.experiment, tuple(arguments.set), arguments.seed, arguments.episodes, arguments.secure)
+    return measure(case, arguments.rounds)
+
+
+def _query(arguments: argparse.Namespace) -> dict[str, Value]:
+    from experiments.bench_query import Case, measure
+
+    case = Case(arguments.experiment, tuple(arguments.set), arguments.seed, arguments.seconds, arguments.rate)
     return measure(case, arguments.rounds)
 
 
@@ -97,12 +106,21 @@ def _start(arguments: argparse.Namespace) -> dict[str, Value]:
     return measure(arguments.experiment, tuple(arguments.set), arguments.seed, arguments.rounds)
 
 
+def _viewer(arguments: argparse.Namespace) -> dict[str, Value]:
+    from experiments.bench_viewer import Case, measure
+
+    seconds = 60.0 * arguments.minutes
+    return measure(Case(arguments.experiment, tuple(arguments.set), arguments.seed, seconds, arguments.memory_limit))
+
+
 RUNS: Mapping[str, Callable[[argparse.Namespace], dict[str, Value]]] = {
     "loop": _loop,
+    "query": _query,
     "sim": _sim,
     "art2": _art2,
     "learner": _learner,
     "start": _start,
+    "viewer": _viewer,
 }
 
 
@@ -112,15 +130,23 @@ def _parser() -> argparse.ArgumentParser:
     for name, summary in SUMMARIES.items():
         command = commands.add_parser(name, help=summary, description=summary)
         command.add_argument("--json", action="store_true", help="as JSON, units in the names")
-        command.add_argument("--rounds", type=_from(1), default=3, metavar="N", help="repetitions (default: 3)")
+        if name != "viewer":
+            command.add_argument("--rounds", type=_from(1), default=3, metavar="N", help="repetitions (default: 3)")
         if name != "art2":
             command.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file")
             command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a setting")
             command.add_argument("--seed", type=_from(0, MAX_SEED), default=0, help="seed of the run (default: 0)")
     loop, sim = commands.choices["loop"], commands.choices["sim"]
+    query = commands.choices["query"]
+    query.add_argument("--seconds", type=_from(1, 3600), default=5, help="length of each part of a round (default: 5)")
+    query.add_argument("--rate", type=_from(1, 1000), default=50, help="questions per second (default: 50)")
     loop.add_argument("--episodes", type=_from(2), default=60, help="length; the first is not counted (default: 60)")
+    loop.add_argument("--secure", action="store_true", help="measure the cell with certificates as well")
     sim.add_argument("--episodes", type=_from(1), default=20, help="whole episodes in a round (default: 20)")
     sim.add_argument("--moves", type=_from(1), default=1000, help="moves of one kind in a round (default: 1000)")
+    viewer = commands.choices["viewer"]
+    viewer.add_argument("--minutes", type=_from(1, 1440), default=5, metavar="M", help="length (default: 5)")
+    viewer.add_argument("--memory-limit", default="256MB", metavar="SIZE", help="the viewer's (default: 256MB)")
     for name in ("art2", "learner"):
         commands.choices[name].add_argument("--steps", type=_from(1), default=5000, help="steps in a round")
     return parser

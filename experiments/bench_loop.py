@@ -1,6 +1,7 @@
 """``bench loop``: what being distributed costs. Per decision: physics, a bare Zenoh chain, and the real cell.
 
-The three are measured on the same decisions, one after the other in every round, because a busy machine changes.
+They are measured on the same decisions, one after the other in every round, because a busy machine changes; with
+``--secure`` the real cell once more, with mutual TLS and access control.
 """
 
 from __future__ import annotations
@@ -17,8 +18,10 @@ from typing import NamedTuple
 from experiments.bare_chain import BareChain, ChainTimes, bare_processes
 from experiments.bench_pattern import Pattern, Timed, pattern, timed
 from experiments.bench_values import Value, spread
+from services.cli.certs import certify
 from services.cli.client import Client
 from services.cli.supervisor import Supervisor, last_line
+from services.wire.access import GUEST
 from services.wire.definition_file import find, load, run_id
 from services.wire.errors import CellError
 from services.wire.keys import EPISODE
@@ -28,6 +31,8 @@ from services.wire.session import open_client
 
 TARGET_RATIO = 2.0
 """At most this many bare chains may the distributed loop cost beside its physics."""
+SECURED_RATIO = 1.2
+"""At most this much may the cell cost with certificates, in terms of the cell without."""
 EPISODE_WITHIN_S = 120.0
 WORKERS = ("sim", "classifier", "agent")
 
@@ -40,14 +45,17 @@ class Case(NamedTuple):
     seed: int
     episodes: int
     """The first one is not counted: it holds start-up and first calls."""
+    secure: bool = False
+    """Whether the cell is measured with certificates as well."""
 
 
 class Round(NamedTuple):
-    """One measurement of all three."""
+    """One measurement of everything."""
 
     in_process: Timed
     chain: ChainTimes
     distributed_s: float
+    secured_s: float | None = None
 
 
 def measure(case: Case, rounds: int) -> dict[str, Value]:
@@ -55,9 +63,13 @@ def measure(case: Case, rounds: int) -> dict[str, Value]:
     definition = load(case.experiment, case.overrides)
     counted = case.episodes - 1
     plan = pattern(definition, case.seed, counted)
-    found = [
-        Round(timed(definition, case.seed, counted), bare_chain(plan), distributed(case, plan)) for _ in range(rounds)
-    ]
+    found = []
+    for number in range(rounds):
+        in_process, chain = timed(definition, case.seed, counted), bare_chain(plan)
+        # The two take turns at being first: a machine's speed changes with time.
+        kinds = (False, True) if case.secure else (False,)
+        cells = {secure: distributed(case, plan, secure=secure) for secure in kinds[:: -1 if number % 2 else 1]}
+        found.append(Round(in_process, chain, cells[False], cells.get(True)))
     return report(case, plan, found)
 
 
@@ -69,7 +81,7 @@ def report(case: Case, plan: Pattern, rounds: Sequence[Round]) -> dict[str, Valu
         return spread([1e6 * value / count for value in seconds])
 
     ratio = spread([(one.distributed_s - one.in_process.physics_s) / one.chain.total_s for one in rounds])
-    return {
+    figures: dict[str, Value] = {
         "experiment": case.experiment,
         "seed": case.seed,
         "rounds": len(rounds),
@@ -89,6 +101,14 @@ def report(case: Case, plan: Pattern, rounds: Sequence[Round]) -> dict[str, Valu
         "target_ratio": TARGET_RATIO,
         "target_met": ratio["median"] <= TARGET_RATIO,
     }
+    secured = [(one.secured_s, one.distributed_s) for one in rounds if one.secured_s is not None]
+    if secured:
+        cost = spread([with_s / without_s for with_s, without_s in secured])
+        figures["secured_us"] = each([with_s for with_s, _ in secured], decisions)
+        figures["secured_ratio"] = cost
+        figures["secured_target_ratio"] = SECURED_RATIO
+        figures["secured_target_met"] = cost["median"] <= SECURED_RATIO
+    return figures
 
 
 def bare_chain(plan: Pattern) -> ChainTimes:
@@ -105,15 +125,19 @@ def bare_chain(plan: Pattern) -> ChainTimes:
             session.close()  # type: ignore[no-untyped-call]
 
 
-def distributed(case: Case, plan: Pattern) -> float:
-    """Run a cell and return the time [s] from the end of its first episode to the end of its last."""
+def distributed(case: Case, plan: Pattern, *, secure: bool = False) -> float:
+    """Run a cell and return the time [s] from the end of its first episode to the end of its last.
+
+    With ``secure``, it has certificates, made for it alone.
+    """
     definition = load(case.experiment, case.overrides)
-    with _cell() as (supervisor, endpoint, folder):
+    with _cell(secure=secure) as (supervisor, endpoint, folder):
         cell = ("--cell", "bench", "--connect", endpoint)
         overrides = [word for item in case.overrides for word in ("--set", item)]
         length = ("--seed", str(case.seed), "--episodes", str(case.episodes))
         supervisor.start("router", "--listen", endpoint)
-        with Client(Options("bench", (endpoint,))) as client:
+        us = None if supervisor.certs is None else supervisor.certs / GUEST
+        with Client(Options("bench", (endpoint,), certs=us)) as client:
             arrived: queue.SimpleQueue[tuple[float, EpisodeSummary]] = queue.SimpleQueue()
             client.subscribe(EPISODE, EpisodeSummary, lambda summary: arrived.put((time.perf_counter(), summary)))
             supervisor.start("store", *cell, "--file", str(folder / "store.sqlite"))
@@ -135,12 +159,15 @@ def free_port() -> int:
 
 
 @contextmanager
-def _cell() -> Iterator[tuple[Supervisor, str, Path]]:
+def _cell(*, secure: bool = False) -> Iterator[tuple[Supervisor, str, Path]]:
     """A supervisor, a private endpoint and a folder; all that was started has ended afterwards."""
     with tempfile.TemporaryDirectory(prefix="treenail-bench-") as name:
-        supervisor = Supervisor(Path(name), lambda _: None)
+        certs = Path(name) / "certs" if secure else None
+        if certs is not None:
+            certify(certs, [], days=1)
+        supervisor = Supervisor(Path(name), lambda _: None, certs=certs)
         try:
-            yield supervisor, f"tcp/127.0.0.1:{free_port()}", Path(name)
+            yield supervisor, f"{'tls' if secure else 'tcp'}/127.0.0.1:{free_port()}", Path(name)
         finally:
             supervisor.stop()
 

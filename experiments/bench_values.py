@@ -34,7 +34,7 @@ def percentile(values: Sequence[float], percent: float) -> float:
 def machine() -> dict[str, Value]:
     """Return what the figures depend on beside the program."""
     return {
-        "cpu": _cpu(),
+        "cpu": cpu_name(),
         "cores": os.cpu_count() or 1,
         "usable_cores": len(os.sched_getaffinity(0)),
         "load_1min": round(os.getloadavg()[0], 2),
@@ -44,7 +44,7 @@ def machine() -> dict[str, Value]:
     }
 
 
-def _cpu() -> str:
+def cpu_name() -> str:
     """Return the processor's name, or its architecture where Linux does not say more."""
     try:
         lines = Path("/proc/cpuinfo").read_text(errors="replace").splitlines()

@@ -8,26 +8,48 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from experiments.remembered_world import RememberedWorld
+from experiments.skills import skill_from
 from services.agent.fold import AgentFold
 from services.classifier.fold import ClassifierFold
 from services.sim.cell import SimulatedCell
 from services.task.insertion import Insertion
+from services.wire.codec import contract_sha256
 from services.wire.definition import Definition
-from services.wire.definition_file import run_id
-from services.wire.messages import EpisodeSummary, FtPacket, Moved, Observation
+from services.wire.definition_file import definition_sha256, run_id
+from services.wire.messages import EpisodeSummary, FtPacket, Moved, Observation, RunRecord
+from services.wire.skill import NamedSkill
 
 
 class InProcessRun:
-    """A run of one definition with one seed."""
+    """A run of one definition with one seed, that may begin with a learnt skill."""
 
-    def __init__(self, definition: Definition, seed: int, *, remember: bool = False) -> None:
-        """Prepare the run; ``remember`` answers motions that were simulated before from memory, with the same bytes."""
-        self.run = run_id(definition, seed)
+    def __init__(
+        self, definition: Definition, seed: int, *, remember: bool = False, skill: NamedSkill | None = None
+    ) -> None:
+        """Prepare the run; ``remember`` answers motions that were simulated before from memory, with the same bytes.
+
+        ``skill`` has to fit the definition, see ``services.wire.skill.fits``.
+        """
+        self._began_with = skill
+        sha256 = None if skill is None else skill.sha256
+        self.run = run_id(definition, seed, sha256)
+        self.record = RunRecord(
+            run=self.run,
+            seed=seed,
+            definition=definition,
+            definition_sha256=definition_sha256(definition),
+            skill_sha256=sha256,
+            contract_sha256=contract_sha256(),
+        )
         world = RememberedWorld(definition) if remember else None
         self.cell = SimulatedCell(definition, self.run, seed, world)
         self.task = Insertion(definition, self.run, seed)
         self.classifier = ClassifierFold(definition, self.run)
         self.agent = AgentFold(definition, self.run, seed)
+        if skill is not None:
+            self.classifier.begin_with(skill.skill)
+            self.agent.begin_with(skill.skill)
+            self.task.expect_states(skill.states)
         self.episodes_done = 0
         self.decisions = 0
 
@@ -35,6 +57,10 @@ class InProcessRun:
         """Run ``count`` more episodes, one at a time."""
         for _ in range(count):
             yield self._episode()
+
+    def learnt(self) -> NamedSkill:
+        """Return what has been learnt so far, the skill that it began with included."""
+        return skill_from(self.record, self.episodes_done, self.agent, self.classifier, self._began_with)
 
     def _episode(self) -> EpisodeSummary:
         moved, packet = self.cell.home(self.task.home(self.episodes_done, self.decisions))

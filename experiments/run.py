@@ -21,6 +21,7 @@ from typing import Protocol
 from experiments.results import Digests, RunResult, episodes_digest
 from services.wire.definition import Definition
 from services.wire.errors import TreenailError
+from services.wire.skill import NamedSkill
 
 _POLL_S = 0.2
 """How often Ctrl-C is looked for while the children are at work."""
@@ -76,12 +77,21 @@ def usable_cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def run_seed(definition: Definition, seed: int, episodes: int, advanced: Callable[[int], None]) -> TimedRun:
-    """Run one seed in this process; ``advanced`` hears the number of episodes finished after each."""
+def run_seed(
+    definition: Definition,
+    seed: int,
+    episodes: int,
+    advanced: Callable[[int], None],
+    skill: NamedSkill | None = None,
+) -> TimedRun:
+    """Run one seed in this process; ``advanced`` hears the number of episodes finished after each.
+
+    ``skill`` is what the run begins with; it has to fit the definition.
+    """
     # Physics and compiled kernels are loaded where they are used: the parent would only start more slowly.
     from experiments.in_process import InProcessRun
 
-    run = InProcessRun(definition, seed, remember=True)
+    run = InProcessRun(definition, seed, remember=True, skill=skill)
     began = time.perf_counter()
     summaries = []
     for summary in run.episodes(episodes):
@@ -97,9 +107,16 @@ def run_seed(definition: Definition, seed: int, episodes: int, advanced: Callabl
 
 
 def run_seeds(
-    definition: Definition, seeds: Sequence[int], episodes: int, jobs: int, listener: Listener
+    definition: Definition,
+    seeds: Sequence[int],
+    episodes: int,
+    jobs: int,
+    listener: Listener,
+    skill: NamedSkill | None = None,
 ) -> tuple[TimedRun, ...]:
     """Run every seed for so many episodes, at most ``jobs`` at a time; results in ascending order of seeds.
+
+    ``skill`` is what each of them begins with; it has to fit the definition.
 
     To be called from the main thread. Raises SeedError when a run fails and KeyboardInterrupt upon Ctrl-C or SIGTERM;
     all children have ended by then. Of a parent that is killed outright, each child ends with its current episode.
@@ -110,7 +127,7 @@ def run_seeds(
             while waiting or children:
                 while waiting and len(children) < jobs:
                     seed = waiting.popleft()
-                    new, child = _start(definition, seed, episodes)
+                    new, child = _start(definition, seed, episodes, skill)
                     children[new] = child
                     listener.started(seed)
                 heard = connection.wait(list(children), timeout=_POLL_S)
@@ -148,10 +165,12 @@ def _hear(
     listener.finished(child.seed)
 
 
-def _start(definition: Definition, seed: int, episodes: int) -> tuple[connection.Connection, _Child]:
+def _start(
+    definition: Definition, seed: int, episodes: int, skill: NamedSkill | None
+) -> tuple[connection.Connection, _Child]:
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(sender, definition, seed, episodes), daemon=True)
+    process = context.Process(target=_work, args=(sender, definition, seed, episodes, skill), daemon=True)
     # A child starts with the signals blocked that are blocked here. The terminal sends Ctrl-C to children too, and
     # one that is just starting would answer with a traceback. The tracker comes first: its start unblocks SIGINT.
     resource_tracker.ensure_running()
@@ -166,11 +185,13 @@ def _start(definition: Definition, seed: int, episodes: int) -> tuple[connection
     return receiver, _Child(seed, process)
 
 
-def _work(sender: connection.Connection, definition: Definition, seed: int, episodes: int) -> None:
+def _work(
+    sender: connection.Connection, definition: Definition, seed: int, episodes: int, skill: NamedSkill | None
+) -> None:
     """Run one seed in a child and send the number of episodes after each, at the end the result or the failure."""
     message: TimedRun | _Failure
     try:
-        message = run_seed(definition, seed, episodes, sender.send)
+        message = run_seed(definition, seed, episodes, sender.send, skill)
     except BrokenPipeError:
         return  # the parent is gone, nobody waits for this run
     except TreenailError as error:

@@ -1,4 +1,7 @@
-"""The agent as a pure fold: its memory after decision n is a function of definition, seed, states and rewards 0..n."""
+"""The agent as a pure fold: its memory after decision n is a function of what the run began with and 0..n alone.
+
+It begins with the definition, the seed and perhaps a skill; states and rewards follow.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from collections.abc import Mapping
 from services.agent.learning import Learner
 from services.wire.definition import Definition
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
-from services.wire.messages import Action, JournalEpisode, Reward, State
+from services.wire.messages import Action, JournalEpisode, Reward, Skill, State
 
 
 class AgentFold:
@@ -128,11 +131,20 @@ class AgentFold:
                     )
                 )
 
+    def begin_with(self, skill: Skill) -> None:
+        """Take over what was learnt in another run, before this one's first decision. Raises ValueError."""
+        self.learner.restore(skill.agent)
+        self.learner.episodes_before = skill.episodes
+
+    def learnt(self) -> dict[str, bytes | int]:
+        """Return what was learnt, without the place in the run. Raises ValueError when an episode is under way."""
+        if not self.between_episodes:
+            raise ValueError("agent memory: expected to be between episodes")
+        return self.learner.snapshot()
+
     def snapshot(self) -> dict[str, bytes | int]:
         """Return the memory. Raises ValueError when an episode is under way."""
-        if not self.between_episodes:
-            raise ValueError("agent checkpoint: expected to be between episodes")
-        return {**self.learner.snapshot(), "fold_decisions": self.decisions, "fold_episode": self.episode}
+        return {**self.learnt(), "fold_decisions": self.decisions, "fold_episode": self.episode}
 
     def restore(self, snapshot: Mapping[str, bytes | int]) -> None:
         """Take over a memory. Raises ValueError, with nothing changed, when it does not fit."""

@@ -43,6 +43,8 @@ class Learner:
         self._visits = np.zeros((0, actions), np.int64)
         self._states = 0
         self._version = 0
+        self.episodes_before = 0
+        """Episodes that the table was learnt in before this run: the policy's schedule goes on from there."""
 
     @property
     def states(self) -> int:
@@ -76,13 +78,20 @@ class Learner:
         """
         return self._row(state).copy()
 
+    def chances(self, state: int, episode: int) -> NDArray[np.float64]:
+        """Return the probability of each action in ``state`` in this run's ``episode``, shape (actions,).
+
+        ValueError when a number is out of range.
+        """
+        return probabilities(self._row(state), self._policy, self.episodes_before + episode)
+
     def act(self, state: int, episode: int, step: int) -> int:
         """Return the policy's action in ``state`` at ``step`` of ``episode`` (both 0 or more); changes nothing.
 
         ValueError when a number is out of range.
         """
         _check_time(episode, step)
-        chances = probabilities(self._row(state), self._policy, episode)
+        chances = self.chances(state, episode)
         certain = chances.nonzero()[0]
         if certain.size == 1:  # a draw could not change it, and costs more than all the rest
             return int(certain[0])

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from services.agent.fold import AgentFold
-from services.agent.policies import probabilities
+from services.agent.learning import MAX_STATES
 from services.wire.actions import action_names
-from services.wire.answers import Request
-from services.wire.errors import BadPayloadError
-from services.wire.keys import ACTION, POLICY, Q_TABLE, REWARD, STATE
-from services.wire.messages import Action, Experiment, PolicyAnswer, QTable, Reward, State
+from services.wire.answers import Asked, Request, ft_vector, state_number
+from services.wire.errors import BadPayloadError, RefusedError
+from services.wire.keys import ACTION, CLASSIFY, POLICY, Q_TABLE, REWARD, STATE
+from services.wire.messages import Action, Classified, Experiment, PolicyAnswer, QTable, Reward, State
+from services.wire.relay import Relay
 from services.wire.service import Options, Service
 from services.wire.worker import Worker
+
+CLASSIFIER_WITHIN_S = 1.0
+"""How long the classifier has for its part of a policy query: less than any client waits for ours."""
 
 
 def blank(experiment: Experiment) -> AgentFold:
@@ -29,8 +33,9 @@ def serve(options: Options) -> None:
         service.subscribe(STATE, State, shell.on_state, "classifier")
         service.subscribe(REWARD, Reward, shell.on_reward, "task")
         service.answer(Q_TABLE, lambda _: q_table(worker))
-        service.answer(POLICY, lambda request: policy(worker, request), "state")
+        service.answer_later(POLICY, shell.on_policy, "state", "ft")
         worker.loop()
+        shell.classifier.close()
 
 
 class AgentShell:
@@ -38,6 +43,8 @@ class AgentShell:
 
     def __init__(self, service: Service, worker: Worker[AgentFold]) -> None:
         self._worker = worker
+        self.classifier = Relay(service, CLASSIFY, Classified, CLASSIFIER_WITHIN_S)
+        """Policy queries that wait for the state of an F/T vector."""
         self._publish = service.publisher(ACTION, Action)
         self._early: State | None = None
         """A state whose predecessor's reward is still on its way."""
@@ -56,6 +63,26 @@ class AgentShell:
         early, self._early = self._early, None
         if early is not None:
             self.on_state(early)
+
+    def on_policy(self, asked: Asked, request: Request) -> None:
+        """Answer ``agent/policy``: a state at once, an F/T vector when the classifier has said which state it is."""
+        given = request.parameters
+        state, ft = given.get("state"), given.get("ft")
+        if (state is None) == (ft is None):
+            forms = f"{POLICY}?state=7 or {POLICY}?ft=fx,fy,fz,tx,ty,tz"
+            raise BadPayloadError(f"policy: expected {forms}, got {'neither' if state is None else 'both'}")
+        if state is not None:
+            asked.reply(policy(self._worker, state_number(state), None))
+            return
+        force_n, torque_nm = ft_vector(ft or "")
+        text = ",".join(repr(component) for component in (*force_n, *torque_nm))
+        self.classifier.answer(asked, f"ft={text}", self._policy_of)
+
+    def _policy_of(self, found: Classified) -> PolicyAnswer:
+        run = self._worker.fold.run
+        if found.run != run:
+            raise RefusedError(f"{CLASSIFY}: expected one of run {run}, got one of {found.run}")
+        return policy(self._worker, found.state, found.match)
 
     def _take(self, reward: Reward) -> None:
         if self._worker.fold.reward(reward) and reward.terminal is not None:
@@ -77,25 +104,24 @@ def q_table(worker: Worker[AgentFold]) -> QTable:
     )
 
 
-def policy(worker: Worker[AgentFold], request: Request) -> PolicyAnswer:
-    """Answer ``agent/policy?state=N``."""
+def policy(worker: Worker[AgentFold], state: int | None, match: float | None) -> PolicyAnswer:
+    """Return what the agent would do in a state; None is one that nobody has felt yet. Raises BadPayloadError."""
     fold, learner = worker.fold, worker.fold.learner
-    text = request.parameters.get("state", "")
-    if not (text.isascii() and text.isdigit() and len(text) < 7):
-        raise BadPayloadError(f"state: expected a state number, as in {POLICY}?state=7, got {text[:20]!r}")
-    state = int(text)
-    known = state < learner.states
+    row = learner.states if state is None else state
+    if row >= MAX_STATES:
+        raise BadPayloadError(f"state: expected one below {MAX_STATES}, got {row}")
+    known = row < learner.states
     actions = action_names(worker.experiment.definition.moves)
-    values = learner.q[state] if known else learner.values(state)
+    values = learner.values(row)
     return PolicyAnswer(
         run=fold.run,
         policy_version=learner.version,
         state=state,
-        match=None,
+        match=match,
         known=known,
         actions=actions,
         values=tuple(values.tolist()),
-        probabilities=tuple(probabilities(values, worker.experiment.definition.policy, fold.episode).tolist()),
-        visits=tuple(learner.visits[state].tolist()) if known else (0,) * len(actions),
-        best_action=learner.best_action(state),
+        probabilities=tuple(learner.chances(row, fold.episode).tolist()),
+        visits=tuple(learner.visits[row].tolist()) if known else (0,) * len(actions),
+        best_action=learner.best_action(row),
     )

@@ -11,11 +11,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from importlib import import_module
+from types import ModuleType
 from typing import TypeVar, cast
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+try:
+    # Made ahead by compile_kernel.py, for container images: the compiler alone takes 190 MB.
+    machine_code: ModuleType | None = import_module("services.classifier.art2_machine_code")
+except ModuleNotFoundError:
+    machine_code = None
 
 Array = NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., object])
@@ -35,7 +42,11 @@ SILENT = -2
 
 
 def _compiled(function: Function) -> Function:
-    """Compile at the first call and keep the machine code in numba's cache directory."""
+    """Return the function as machine code: made ahead, or at the first call and kept in numba's cache directory."""
+    if machine_code is not None:
+        return cast(Function, getattr(machine_code, function.__name__, function))
+    from numba import njit
+
     return cast(Function, njit(cache=True, fastmath=False)(function))
 
 

@@ -1,4 +1,7 @@
-"""The classifier as a pure fold: its memory after decision n is a function of the definition and observations 0..n."""
+"""The classifier as a pure fold: its memory after decision n is a function of what the run began with and 0..n alone.
+
+It begins with the definition and perhaps a skill; observations follow.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ from collections.abc import Mapping
 from services.classifier.art2 import Art2, ClassifierFullError
 from services.wire.definition import Definition
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
-from services.wire.messages import JournalEpisode, Observation, State
+from services.wire.messages import JournalEpisode, Observation, Skill, State
 
 
 class ClassifierFold:
@@ -75,9 +78,17 @@ class ClassifierFold:
             if step.state is not None and step.state != state.state:
                 raise DivergedError(f"replay: decision {decision}: journal has state {step.state}, got {state.state}")
 
+    def begin_with(self, skill: Skill) -> None:
+        """Take over what was learnt in another run, before this one's first decision. Raises ValueError."""
+        self.art2.restore(skill.classifier)
+
+    def learnt(self) -> dict[str, bytes | int]:
+        """Return what was learnt, without the place in the run."""
+        return self.art2.snapshot()
+
     def snapshot(self) -> dict[str, bytes | int]:
         """Return the memory, to be taken between episodes."""
-        return {**self.art2.snapshot(), "fold_decisions": self.decisions, "fold_episode": self.episode}
+        return {**self.learnt(), "fold_decisions": self.decisions, "fold_episode": self.episode}
 
     def restore(self, snapshot: Mapping[str, bytes | int]) -> None:
         """Take over a memory. Raises ValueError, with nothing changed, when it does not fit."""

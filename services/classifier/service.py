@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from services.classifier.fold import ClassifierFold
-from services.wire.keys import CLASSIFIER_STATES, OBSERVATION, STATE
-from services.wire.messages import ClassifierStates, Experiment, Observation, State
+from services.wire.answers import Request, ft_vector
+from services.wire.errors import BadPayloadError
+from services.wire.keys import CLASSIFIER_STATES, CLASSIFY, OBSERVATION, STATE
+from services.wire.messages import Classified, ClassifierStates, Experiment, Observation, State
 from services.wire.service import Options, Service
 from services.wire.worker import Worker
 
@@ -36,6 +38,7 @@ def serve(options: Options) -> None:
 
         service.subscribe(OBSERVATION, Observation, observe, "task")
         service.answer(CLASSIFIER_STATES, lambda _: states(worker))
+        service.answer(CLASSIFY, lambda request: classified(worker, request), "ft")
         worker.loop()
 
 
@@ -51,3 +54,15 @@ def states(worker: Worker[ClassifierFold]) -> ClassifierStates:
         counts=tuple(fold.art2.counts.tolist()),
         digest=fold.art2.digest(),
     )
+
+
+def classified(worker: Worker[ClassifierFold], request: Request) -> Classified:
+    """Answer ``classifier/classify?ft=fx,fy,fz,tx,ty,tz``; nothing is learnt. Raises BadPayloadError."""
+    fold = worker.fold
+    force_n, torque_nm = ft_vector(request.parameters.get("ft", ""))
+    try:
+        found = fold.art2.classify(force_n, torque_nm)
+    except ValueError as error:
+        raise BadPayloadError(f"ft: {error}") from error
+    state = found.state if found.state >= 0 else None
+    return Classified(run=fold.run, decisions=fold.decisions, states=found.states, state=state, match=found.match)

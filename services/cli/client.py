@@ -12,14 +12,17 @@ import zenoh
 from zenoh.handlers import Callback
 
 from services.wire import command
-from services.wire.codec import decode
-from services.wire.errors import ContractError, NoAnswerError, RefusedError
-from services.wire.keys import Keys
-from services.wire.messages import Message
+from services.wire.codec import decode, encoding_of
+from services.wire.errors import ContractError, NoAnswerError, RefusedError, WrongVersionError
+from services.wire.keys import ROOT, Keys
+from services.wire.messages import Message, Refusal
 from services.wire.service import Options
 from services.wire.session import open_client
 
 M = TypeVar("M", bound=Message)
+
+STORED = ("journal/", "checkpoint/")
+"""What begins so is answered by the store."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,20 +55,64 @@ class Client:
         """Return the one good answer to a query. Raises NoAnswerError, RefusedError or ContractError."""
         found = self.ask_all(name, kind, timeout_s)
         if len(found) != 1:
-            raise NoAnswerError(f"{self.keys.of(name)}: expected one answer, got {len(found)}")
+            raise (
+                self.no_answer(name)
+                if not found
+                else NoAnswerError(f"{self.keys.of(name)}: expected one answer, got {len(found)}")
+            )
         return found[0]
 
     def ask_all(self, name: str, kind: type[M], timeout_s: float = 2.0) -> list[M]:
-        """Return all good answers to a query, in the order of their keys."""
-        samples = self._samples(name, timeout_s)
-        return [decode(kind, sample.payload.to_bytes(), str(sample.encoding)) for sample in samples]
+        """Return all good answers to a query, in the order of their keys. Raises RefusedError or ContractError."""
+        samples, refusals = self.replies(name, timeout_s)
+        if refusals:
+            raise RefusedError(f"{self.keys.of(name)}: {refusals[0]}")
+        return [self.message(sample, kind) for sample in samples]
 
-    def ask_json(self, name: str, timeout_s: float = 5.0) -> dict[str, object]:
-        """Return the answers to a query as JSON values, by key."""
-        form = f"{name}{';' if '?' in name else '?'}format=json"
-        return {
-            str(sample.key_expr): json.loads(sample.payload.to_bytes()) for sample in self._samples(form, timeout_s)
-        }
+    def message(self, sample: zenoh.Sample, kind: type[M]) -> M:
+        """Return the message in an answer. Raises ContractError, which names the key."""
+        try:
+            return decode(kind, sample.payload.to_bytes(), str(sample.encoding))
+        except WrongVersionError as error:
+            raise WrongVersionError(
+                f"{sample.key_expr}: {error}: that service has another contract than this command; see treenail status"
+            ) from None
+        except ContractError as error:
+            raise type(error)(f"{sample.key_expr}: {error}") from None
+
+    def ask_json(self, name: str, timeout_s: float = 5.0) -> tuple[dict[str, object], list[str]]:
+        """Return the answers to a query as JSON values by key, and what was refused, in words."""
+        samples, refusals = self.replies(f"{name}{';' if '?' in name else '?'}format=json", timeout_s)
+        return {str(sample.key_expr): _json(sample) for sample in samples}, refusals
+
+    def ask_one_json(self, name: str) -> object:
+        """Return the one good answer to a query as a JSON value. Raises NoAnswerError or RefusedError."""
+        answers, refusals = self.ask_json(name)
+        if refusals:
+            raise RefusedError(f"{self.keys.of(name)}: {refusals[0]}")
+        if not answers:
+            raise self.no_answer(name)
+        return next(iter(answers.values()))
+
+    def no_answer(self, name: str) -> NoAnswerError:
+        """Return what to say when nobody answered a query: who is there instead."""
+        here = self.alive()
+        if "store" in here and name.startswith(STORED):
+            return NoAnswerError(f"{self.keys.of(name)}: the store has nothing there")
+        if here:
+            return NoAnswerError(f"{self.keys.of(name)}: nobody answered; alive in this cell: {', '.join(here)}")
+        return self.nobody()
+
+    def nobody(self) -> NoAnswerError:
+        """Return what to say when nobody is alive in the cell: which cells there are."""
+        cells = self.cells()
+        there = f"cells here: {', '.join(cells)}" if cells else "nor in any other cell of this router"
+        return NoAnswerError(f"cell {self.keys.cell!r}: nobody is alive; {there}")
+
+    def cells(self) -> list[str]:
+        """Return the cells in which a service has said that it is alive."""
+        replies = self.session.liveliness().get(f"{ROOT}/*/alive/*", timeout=2.0)
+        return sorted({str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None})
 
     def alive(self) -> list[str]:
         """Return the services that have said that they are alive."""
@@ -84,15 +131,43 @@ class Client:
         callback: Callback[zenoh.Sample] = Callback(take, indirect=False)
         self._declared.append(self.session.declare_subscriber(self.keys.of(name), callback))
 
-    def _samples(self, name: str, timeout_s: float) -> list[zenoh.Sample]:
+    def replies(self, name: str, timeout_s: float) -> tuple[list[zenoh.Sample], list[str]]:
+        """Return the good answers to a query in the order of their keys, and in words what was refused or too slow."""
         found: list[zenoh.Sample] = []
+        refusals: list[str] = []
         try:
-            replies = self.session.get(self.keys.of(name), timeout=timeout_s)
+            # What has come when a service that hangs makes the query time out shall not be lost with it.
+            replies = self.session.get(
+                self.keys.of(name), timeout=timeout_s, consolidation=zenoh.ConsolidationMode.NONE
+            )
         except zenoh.ZError as error:
             raise RefusedError(f"key: expected a key expression of Zenoh's, got {name!r}: {error}") from None
         for reply in replies:
             if reply.ok is not None:
                 found.append(reply.ok)
             elif reply.err is not None:
-                raise RefusedError(f"{self.keys.of(name)}: {reply.err.payload.to_bytes().decode(errors='replace')}")
-        return sorted(found, key=lambda sample: str(sample.key_expr))
+                refusals.append(_refusal(reply.err, timeout_s))
+        return sorted(found, key=lambda sample: str(sample.key_expr)), refusals
+
+
+def _refusal(error: zenoh.ReplyError, timeout_s: float) -> str:
+    """Return in words what an error reply says."""
+    payload, encoding = error.payload.to_bytes(), str(error.encoding)
+    if encoding == "application/json":
+        fields = json.loads(payload)
+        return f"refused ({fields.get('reason')}): {fields.get('message')}"
+    if encoding == encoding_of(Refusal):
+        refusal = decode(Refusal, payload, encoding)
+        return f"refused ({refusal.reason}): {refusal.message}"
+    text = payload[:200].decode(errors="replace")
+    return f"expected an answer within {timeout_s:g} s, got none" if text == "Timeout" else text
+
+
+def _json(sample: zenoh.Sample) -> object:
+    """Return an answer's JSON value. Raises ContractError for an answer in another form."""
+    if str(sample.encoding) != "application/json":
+        raise ContractError(f"{sample.key_expr}: expected JSON, got encoding {str(sample.encoding)[:100]!r}")
+    try:
+        return json.loads(sample.payload.to_bytes())
+    except ValueError as error:
+        raise ContractError(f"{sample.key_expr}: expected JSON, got something else: {error}") from None

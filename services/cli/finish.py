@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from rich.console import Console
 from rich.table import Table
@@ -26,23 +26,26 @@ SETTLE_S = 60.0
 """How long the workers get to reach the last decision; a restarted one replays its journal first."""
 
 
-def finish(
-    client: Client,
-    definition: Definition,
-    seed: int,
-    run: str,
-    count: int,
-    out: Path,
-    mind: Callable[[], None],
-    say: Callable[[str], None],
-) -> None:
-    """Write the results of a finished run of ``count`` episodes into ``out``; ``mind`` is called while waiting.
+class EndedRun(NamedTuple):
+    """A run that is over."""
+
+    run: str
+    definition: Definition
+    seed: int
+    episodes: int
+    first_version: int
+    """Learning updates in the skill that it began with."""
+
+
+def finish(client: Client, ended: EndedRun, out: Path, mind: Callable[[], None], say: Callable[[str], None]) -> None:
+    """Write the results of a finished run into ``out``; ``mind`` is called while waiting.
 
     Raises CellError when the store's journal or the workers' memory does not become complete.
     """
-    episodes = _settled(lambda: _episodes(client, run, count), mind)
+    definition, seed = ended.definition, ended.seed
+    episodes = _settled(lambda: _episodes(client, ended.run, ended.episodes), mind)
     decisions = sum(summary.decisions for summary in episodes)
-    q_digest, art2_digest = _settled(lambda: _digests(client, decisions), mind)
+    q_digest, art2_digest = _settled(lambda: _digests(client, ended, decisions), mind)
     result = RunResult(
         seed, episodes, {"q_table": q_digest, "art2": art2_digest, "episodes": episodes_digest(episodes)}
     )
@@ -74,12 +77,15 @@ def _episodes(client: Client, run: str, count: int) -> tuple[EpisodeSummary, ...
     return found
 
 
-def _digests(client: Client, decisions: int) -> tuple[str, str]:
+def _digests(client: Client, ended: EndedRun, decisions: int) -> tuple[str, str]:
     """Return the digests of Q-table and ART2 weights, checked to be those after all decisions."""
     table = client.ask(Q_TABLE, QTable)
     states = client.ask(CLASSIFIER_STATES, ClassifierStates)
-    if not table.policy_version == table.decisions == states.decisions == decisions:
-        got = f"agent {table.policy_version} and classifier {states.decisions}"
+    learnt = table.policy_version - ended.first_version
+    if {table.run, states.run} != {ended.run}:
+        raise CellError(f"workers: expected run {ended.run}, got {table.run} and {states.run}")
+    if not learnt == table.decisions == states.decisions == decisions:
+        got = f"agent {learnt} and classifier {states.decisions}"
         raise CellError(f"workers: expected all {decisions} decisions to be learnt, got {got}")
     return table.digest, states.digest
 

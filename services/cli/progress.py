@@ -9,9 +9,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from services.wire.progress import Progress
-
-LINE_EVERY_S = 2.0
+from services.wire.progress import LINE_EVERY_S, Progress
 
 
 class Reporter:

@@ -22,10 +22,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def act(arguments: argparse.Namespace) -> None:
     """Print a row a state: its best action first, then the value of each action."""
     with client.client_of(arguments) as cell:
-        answer = cell.ask(Q_TABLE, QTable)
         if arguments.json:
-            print(json.dumps(cell.ask_json(Q_TABLE)[cell.keys.of(Q_TABLE)]))
+            print(json.dumps(cell.ask_one_json(Q_TABLE)))
             return
+        answer = cell.ask(Q_TABLE, QTable)
     console().print(table(answer))
 
 

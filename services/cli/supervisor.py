@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from services.wire.command import DIE_WITH_PARENT, EXIT_ERROR
+from services.wire.command import CERTS, DIE_WITH_PARENT, EXIT_ERROR
 from services.wire.errors import TreenailError
 
 FIRST_DELAY_S = 0.1
@@ -55,11 +55,14 @@ class Supervisor:
     notify: Callable[[str], None]
     """Is told, in a sentence, when a process died."""
     environment: Mapping[str, str] = field(default_factory=dict)
+    certs: Path | None = None
+    """Folder of `treenail certs`: each process gets the certificate of its name."""
     children: dict[str, Child] = field(default_factory=dict)
 
     def start(self, name: str, *arguments: str) -> None:
         """Start ``python -m services.<name>`` with arguments; its output goes to ``<name>.log``."""
-        command = [sys.executable, "-m", f"services.{name}", *arguments]
+        certs = () if self.certs is None else ("--certs", str(self.certs / name))
+        command = [sys.executable, "-m", f"services.{name}", *arguments, *certs]
         child = self.children[name] = Child(name, command, self.log_folder / f"{name}.log")
         self._spawn(child)
 
@@ -98,7 +101,14 @@ class Supervisor:
         return killed
 
     def _spawn(self, child: Child) -> None:
-        environment = {**os.environ, **self.environment, DIE_WITH_PARENT: str(os.getpid()), "PYTHONUNBUFFERED": "1"}
+        # A certificate that our own environment names is ours, not theirs.
+        environment = {
+            **os.environ,
+            CERTS: "",
+            **self.environment,
+            DIE_WITH_PARENT: str(os.getpid()),
+            "PYTHONUNBUFFERED": "1",
+        }
         with child.log.open("ab") as log:
             # A session of its own: Ctrl-C in the terminal reaches us alone, and we stop the services in order.
             child.process = subprocess.Popen(

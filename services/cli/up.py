@@ -6,69 +6,45 @@ import argparse
 import fcntl
 import queue
 import signal
-import socket
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 
 from experiments.result_files import prepare
+from services.cli import plan as plans
 from services.cli.client import Client
-from services.cli.finish import finish
+from services.cli.finish import EndedRun, finish
+from services.cli.plan import Plan, plan_of
 from services.cli.progress import Reporter
+from services.cli.skill_transfer import give
 from services.cli.supervisor import Supervisor
-from services.wire.definition import Definition
-from services.wire.definition_file import check_run, definition_sha256, find, load, run_id
+from services.wire.access import OPERATOR
+from services.wire.definition_file import definition_sha256, find
 from services.wire.errors import CellError, ContractError, NoAnswerError, RefusedError
-from services.wire.keys import EPISODE, EXPERIMENT, Keys
+from services.wire.keys import EPISODE, EXPERIMENT
 from services.wire.messages import EpisodeSummary, Experiment
 from services.wire.progress import Progress
 from services.wire.service import Options
 
-PROFILES = ("sim",)
 EXIT_INTERRUPTED = 130
 POLL_S = 0.5
-
-
-@dataclass(frozen=True)
-class Plan:
-    """What to bring up, checked before anything starts."""
-
-    arguments: argparse.Namespace
-    definition: Definition
-    run: str
-    episodes: int
-    out: Path
-    endpoint: str
-    viewer_url: str
+STORE_WITHIN_S = 60.0
+"""How long router and store get to start and to keep the skill."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``treenail up``."""
-    parser.add_argument("profile", choices=PROFILES, help="sim: the simulator in place of robot and sensor")
-    parser.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file of the definition")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
-    parser.add_argument("--episodes", type=int, help="length of the run (default: the definition's)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the run, from 0 (default: 0)")
-    parser.add_argument("--out", type=Path, help="run directory (default: runs/<experiment>-<hash>-s<seed>)")
-    parser.add_argument("--fresh", action="store_true", help="forget what the run directory knows of earlier runs")
-    parser.add_argument("--cell", default="a", help="name of the cell (default: a)")
-    parser.add_argument("--port", type=int, default=7447, help="the router's port on 127.0.0.1, 0 for a free one")
-    parser.add_argument("--viewer-port", type=int, default=9876, help="port for Rerun viewers, 0 for a free one")
-    parser.add_argument("--viewer-bind", default="0.0.0.0", help="address for Rerun viewers (default: all)")
-    parser.add_argument("--no-viewer", action="store_true", help="run without the viewer service")
-    parser.add_argument("--save", type=Path, metavar="FILE.rrd", help="let the viewer service record as well")
+    plans.add_arguments(parser)
 
 
 def act(arguments: argparse.Namespace) -> int:
     """Bring a cell up, watch it to the end of its run, write the results; return the exit status."""
-    plan = _plan(arguments)
+    plan = plan_of(arguments)
     stop = _StopFlag()
     _prepare(plan)
     progress = Progress(plan.episodes)
     title = f"{plan.definition.name}, seed {arguments.seed}"
-    with Reporter(progress, title, plan.viewer_url) as reporter:
-        supervisor = Supervisor(plan.out / "logs", reporter.say)
+    with Reporter(progress, title, plan.viewer.url if plan.viewer else "") as reporter:
+        supervisor = Supervisor(plan.out / "logs", reporter.say, certs=arguments.certs)
 
         def mind() -> None:
             supervisor.check()
@@ -83,22 +59,6 @@ def act(arguments: argparse.Namespace) -> int:
             return EXIT_INTERRUPTED
         finally:
             _stop(supervisor, reporter)
-
-
-def _plan(arguments: argparse.Namespace) -> Plan:
-    definition = load(arguments.experiment, arguments.set)
-    episodes = definition.episodes if arguments.episodes is None else arguments.episodes
-    check_run(arguments.seed, episodes)
-    Keys(arguments.cell)
-    run = run_id(definition, arguments.seed)
-    out = arguments.out or Path("runs") / f"{definition.name}-{definition_sha256(definition)[:8]}-s{arguments.seed}"
-    port = _free_port("127.0.0.1", arguments.port, "--port")
-    viewer_url = ""
-    if not arguments.no_viewer:
-        arguments.viewer_port = _free_port(arguments.viewer_bind, arguments.viewer_port, "--viewer-port")
-        host = socket.gethostname() if arguments.viewer_bind == "0.0.0.0" else arguments.viewer_bind
-        viewer_url = f"rerun+http://{host}:{arguments.viewer_port}/proxy"
-    return Plan(arguments, definition, run, episodes, out, f"tcp/127.0.0.1:{port}", viewer_url)
 
 
 def _prepare(plan: Plan) -> None:
@@ -120,18 +80,7 @@ def _prepare(plan: Plan) -> None:
         raise CellError(f"--out {plan.out}: cannot hold a run: {error.strerror}") from error
 
 
-def _free_port(host: str, port: int, option: str) -> int:
-    """Return ``port``, or a free one for 0. Raises CellError when it is taken."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host, port))
-        except (OSError, OverflowError) as error:
-            raise CellError(f"{option} {port}: cannot listen on {host}:{port}: {error}; try another, or 0") from None
-        return int(probe.getsockname()[1])
-
-
-def _start(plan: Plan, supervisor: Supervisor) -> None:
+def _start(plan: Plan, supervisor: Supervisor, mind: Callable[[], None]) -> None:
     arguments = plan.arguments
     cell = ("--cell", arguments.cell, "--connect", plan.endpoint)
     experiment = find(arguments.experiment)
@@ -139,49 +88,67 @@ def _start(plan: Plan, supervisor: Supervisor) -> None:
     length = ("--seed", str(arguments.seed), "--episodes", str(plan.episodes))
     supervisor.start("router", "--listen", plan.endpoint)
     supervisor.start("store", *cell, "--file", str(plan.out / "store.sqlite"))
+    if plan.skill is not None:
+        with _client(plan, mind) as client:
+            give(client, plan.skill, mind, STORE_WITHIN_S)
     supervisor.start("task", *cell, "--experiment", str(experiment.resolve()), *overrides, *length)
     for name in ("sim", "classifier", "agent"):
         supervisor.start(name, *cell)
-    if not arguments.no_viewer:
+    if plan.viewer is not None:
         save = () if arguments.save is None else ("--save", str(arguments.save))
-        serve = ("--bind", arguments.viewer_bind, "--port", str(arguments.viewer_port))
-        supervisor.start("viewer", *cell, *serve, *save)
+        supervisor.start("viewer", *cell, *plan.viewer.options, *save)
 
 
 def _run(plan: Plan, supervisor: Supervisor, reporter: Reporter, progress: Progress, mind: Callable[[], None]) -> None:
     reporter.say(f"run {plan.run} in {plan.out}; logs in {plan.out / 'logs'}")
-    if plan.viewer_url:
-        reporter.say(f"watch it live: rerun {plan.viewer_url}")
-    _start(plan, supervisor)
+    if plan.viewer is not None:
+        reporter.say(f"watch it live: rerun {plan.viewer.url}")
+    if plan.viewer is not None and plan.viewer.page is not None:
+        reporter.say(f"or in a browser: {plan.viewer.page}")
+    _start(plan, supervisor, mind)
     with _client(plan, mind) as client:
         arrived: queue.SimpleQueue[EpisodeSummary] = queue.SimpleQueue()
         client.subscribe(EPISODE, EpisodeSummary, arrived.put)
-        phase = "starting"
+        phase, run, first_version = "starting", plan.run, 0
         next_poll = 0.0
         while phase != "finished":
             mind()
-            _drain(arrived, progress, plan.run)
+            _drain(arrived, progress, run)
             if time.monotonic() >= next_poll:
                 next_poll = time.monotonic() + POLL_S
                 experiment = _experiment(client)
                 if experiment is not None:
-                    phase = experiment.phase
+                    if experiment.run != run:
+                        run = experiment.run
+                        progress.done = 0
+                        progress.recent.clear()
+                        reporter.say(f"run {run}: {_beginning(experiment)}")
+                    phase, first_version = experiment.phase, experiment.first_policy_version
                     progress.done = max(progress.done, experiment.episodes_done)
                     progress.episodes = max(plan.episodes, experiment.episodes_done)
             reporter.show(supervisor.alive(), phase)
-        _drain(arrived, progress, plan.run)
+        _drain(arrived, progress, run)
         reporter.show(supervisor.alive(), phase, now=True)
-        seed = plan.arguments.seed
-        finish(client, plan.definition, seed, plan.run, progress.done, plan.out, mind, reporter.say)
+        ended = EndedRun(run, plan.definition, plan.arguments.seed, progress.done, first_version)
+        finish(client, ended, plan.out, mind, reporter.say)
+
+
+def _beginning(experiment: Experiment) -> str:
+    """Return in words what the run that the store's skill decides on begins with."""
+    how = "goes on" if experiment.episodes_done else "begins"
+    if experiment.skill_sha256 is None:
+        return f"the store has no skill any more, it {how} with nothing learnt before"
+    return f"the store has skill {experiment.skill_sha256[:12]}, it {how} with that"
 
 
 def _client(plan: Plan, mind: Callable[[], None]) -> Client:
     """Return a client of the router that was just started, minding the processes meanwhile."""
     deadline = time.monotonic() + 30.0
+    certs = plan.arguments.certs and plan.arguments.certs / OPERATOR
     while True:
         mind()
         try:
-            return Client(Options(plan.arguments.cell, (plan.endpoint,), connect_timeout_s=0.5))
+            return Client(Options(plan.arguments.cell, (plan.endpoint,), connect_timeout_s=0.5, certs=certs))
         except CellError:
             if time.monotonic() > deadline:
                 raise

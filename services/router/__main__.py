@@ -7,7 +7,8 @@ import sys
 import threading
 
 from services.wire import command
-from services.wire.session import DEFAULT_ENDPOINT, open_router
+from services.wire.heartbeat import touch_heartbeat
+from services.wire.session import DEFAULT_ENDPOINT, DEFAULT_SECURE_ENDPOINT, open_router
 
 
 def main() -> None:
@@ -17,18 +18,22 @@ def main() -> None:
         "--listen",
         action="append",
         metavar="ENDPOINT",
-        help=f"Zenoh endpoint to listen on, may be repeated (default: {DEFAULT_ENDPOINT})",
+        help="Zenoh endpoint to listen on, may be repeated "
+        f"(default: {DEFAULT_ENDPOINT}, with --certs {DEFAULT_SECURE_ENDPOINT})",
     )
+    command.add_certs(parser)
     arguments = parser.parse_args()
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
-    listen = arguments.listen or [DEFAULT_ENDPOINT]
-    session = open_router(listen)
-    print(f"router: listening on {', '.join(listen)}", flush=True)
+    secured = arguments.certs is not None
+    listen = arguments.listen or [DEFAULT_SECURE_ENDPOINT if secured else DEFAULT_ENDPOINT]
+    session = open_router(listen, arguments.certs)
+    checked = " (mutual TLS, access control)" if secured else ""
+    print(f"router: listening on {', '.join(listen)}{checked}", flush=True)
     # A signal that one of Zenoh's threads takes does not wake this one, so it looks up now and then.
     while not stop.wait(0.5):
-        pass
+        touch_heartbeat()
     session.close()  # type: ignore[no-untyped-call]
 
 

@@ -10,7 +10,10 @@ from services.wire import command
 
 def main() -> None:
     """Parse the command line and serve."""
-    serve(command.options(command.parser("sim", __doc__).parse_args()))
+    parser = command.parser("sim", __doc__)
+    parser.add_argument("--progress", action="store_true", help="print how the run goes, as `treenail up` does")
+    arguments = parser.parse_args()
+    serve(command.options(arguments), arguments.progress)
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 
 from services.sim.cell import SimulatedCell
+from services.sim.progress import follow
 from services.wire.answers import Request
 from services.wire.errors import ContractError, NoAnswerError
 from services.wire.keys import EXPERIMENT, FT, HOME, MOVE, TRUTH
@@ -14,13 +15,16 @@ from services.wire.service import Options, Service
 TRUTH_EVERY_S = 1 / 30
 
 
-def serve(options: Options) -> None:
-    """Run the simulator until it is stopped."""
+def serve(options: Options, progress: bool) -> None:
+    """Run the simulator until it is stopped; with ``progress``, print how the run goes."""
     with Service("sim", options) as service:
         service.claim()
         shell = SimShell(service)
-        if not shell.load():
+        experiment = shell.load()
+        if experiment is None:
             return
+        if progress:
+            follow(service, experiment)
         service.answer(HOME, shell.on_home)
         service.answer(MOVE, shell.on_move)
         service.ready()
@@ -37,12 +41,12 @@ class SimShell:
         self._next_truth = 0.0
         self._cell: SimulatedCell
 
-    def load(self) -> bool:
-        """Learn from the task what to simulate, and build it; False when stopped meanwhile."""
+    def load(self) -> Experiment | None:
+        """Learn from the task what to simulate, and build it; None when stopped meanwhile."""
         experiment = self._service.wait_for("task (no experiment)", self._ask)
         if experiment is not None:
             self._build(experiment)
-        return experiment is not None
+        return experiment
 
     def on_home(self, request: Request) -> Moved:
         """Answer ``home``; another run's is taken when the task says that this is what runs now."""

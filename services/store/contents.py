@@ -6,10 +6,13 @@ import re
 
 from services.wire.codec import decode
 from services.wire.errors import BadPayloadError
+from services.wire.keys import LATEST, SKILL
 from services.wire.messages import Checkpoint, JournalEpisode, RunRecord
+from services.wire.skill import decode as decode_skill
 
 _CHECKPOINT = re.compile(r"checkpoint/([^/]+)/([^/]+)/([0-9]{8}|latest)")
 _EPISODE = re.compile(r"journal/([^/]+)/(?:[0-9]{6}/([0-9]{8})|latest)")
+_SKILL = re.compile(rf"{SKILL}/([^/]+)")
 _RUN = re.compile(r"journal/([^/]+)/run")
 
 
@@ -31,8 +34,10 @@ def check(name: str, payload: bytes, encoding: str) -> None:
             raise BadPayloadError(f"{name}: expected a finished episode, got one under way")
     elif found := _RUN.fullmatch(name):
         _same(name, found[1], decode(RunRecord, payload, encoding).run)
+    elif found := _SKILL.fullmatch(name):
+        _same(name, found[1], decode_skill(payload, encoding).sha256)
 
 
 def _same(name: str, in_key: str, in_payload: str) -> None:
-    if in_key not in (in_payload, "latest"):
+    if in_key not in (in_payload, LATEST):
         raise BadPayloadError(f"{name}: expected a payload that says {in_key!r}, got {in_payload!r}")

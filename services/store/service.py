@@ -38,20 +38,19 @@ def serve(options: Options, path: Path, retention: RetentionSettings, max_bytes:
     except (StoreError, OSError, ValueError) as error:
         raise CellError(f"store: {error}") from error
     with database, Service("store", options) as service:
-        service.claim()
-        shell = StoreShell(service, database, retention)
-        for name in STORED:
-            service.subscribe_raw(name, shell.on_sample)
-            service.answer_raw(name, shell.on_query)
-        service.ready()
+        shells = [StoreShell(place, database, retention) for place in service.claim_all()]
+        for shell in shells:
+            shell.open()
         while not service.stopping:
-            if not service.work(0.0 if shell.pending else 1.0):
-                shell.flush()
-        shell.flush()
+            if not service.work(0.0 if any(shell.pending for shell in shells) else 1.0):
+                for shell in shells:
+                    shell.flush()
+        for shell in shells:
+            shell.flush()
 
 
 class StoreShell:
-    """Collects operations into batches and answers queries from the database."""
+    """One cell's part of the store: collects operations into batches and answers queries from the database."""
 
     def __init__(self, service: Service, database: Database, retention: RetentionSettings) -> None:
         self._service = service
@@ -60,6 +59,13 @@ class StoreShell:
         self._prefix = service.keys.of("")
         self._until_prune = 0
         self.pending: list[Put | Delete] = []
+
+    def open(self) -> None:
+        """Begin to serve the cell."""
+        for name in STORED:
+            self._service.subscribe_raw(name, self.on_sample)
+            self._service.answer_raw(name, self.on_query)
+        self._service.ready()
 
     def on_sample(self, sample: zenoh.Sample) -> None:
         """Take a put or delete into the next batch."""

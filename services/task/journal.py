@@ -15,6 +15,32 @@ RETRY_S = 0.5
 M = TypeVar("M", bound=Message)
 
 
+def put_and_confirm(service: Service, puts: tuple[tuple[str, Message], ...], read_back: str) -> bool:
+    """Put messages on full keys until the last can be read back from its name, as long as it takes; False if stopped.
+
+    Raises CellError when what the store gives back cannot be read.
+    """
+    expected = puts[-1][1]
+    while not service.stopping:
+        for key, message in puts:
+            service.put(key, message)
+        if read(service, read_back, type(expected)) == expected:
+            return True
+        service.phase = "waiting for store (it does not confirm what it was given)"
+        service.complain(service.phase)
+        service.work_until(lambda: False, RETRY_S)
+    return False
+
+
+def read(service: Service, name: str, kind: type[M]) -> M | None:
+    """Return what the store has under a name, or None. Raises CellError when it cannot be read."""
+    try:
+        found = service.fetch_all(name, kind)
+    except ContractError as error:
+        raise CellError(f"store: {name} cannot be read: {error}") from error
+    return found[0] if found else None
+
+
 class Journal:
     """What the store knows of one run."""
 
@@ -28,14 +54,7 @@ class Journal:
         Waits for the store as long as it takes. Raises CellError when the store knows the run under another contract.
         """
         service, run = self._service, self._record.run
-        known = self._read(f"journal/{run}/run", RunRecord)
-        if known is not None and known.contract_sha256 != service.contract:
-            ours, theirs = service.contract[:12], known.contract_sha256[:12]
-            raise CellError(
-                f"store: run {run} was recorded with contract {theirs}, this is {ours}; "
-                "start with an empty store, or with the version that recorded it"
-            )
-        if not self._put_and_confirm(((service.keys.run_record(run), self._record),), f"journal/{run}/run"):
+        if not self.make_known():
             return None, False
         entries = service.wait_for("store (no memory of this run)", self._newest)
         if entries is None:
@@ -44,25 +63,32 @@ class Journal:
         following = 0 if newest is None else newest.episode + 1
         # The entry itself is put before "latest": a task that died in between left it there.
         key = service.keys.journal(run, following).removeprefix(service.keys.of(""))
-        return self._read(key, JournalEpisode) or newest, True
+        return read(service, key, JournalEpisode) or newest, True
+
+    def make_known(self) -> bool:
+        """Make the store know the run, waiting for it as long as it takes; False when stopped meanwhile.
+
+        Raises CellError when the store knows the run under another contract.
+        """
+        service, run = self._service, self._record.run
+        known = read(service, f"journal/{run}/run", RunRecord)
+        if known is not None and known.contract_sha256 != service.contract:
+            ours, theirs = service.contract[:12], known.contract_sha256[:12]
+            raise CellError(
+                f"store: run {run} was recorded with contract {theirs}, this is {ours}; "
+                "start with an empty store, or with the version that recorded it"
+            )
+        return put_and_confirm(service, ((service.keys.run_record(run), self._record),), f"journal/{run}/run")
+
+    def known(self) -> bool:
+        """Return whether the store, at this moment, answers that it knows the run: it does unless it is gone."""
+        return read(self._service, f"journal/{self._record.run}/run", RunRecord) == self._record
 
     def append(self, entry: JournalEpisode) -> bool:
         """Store an episode and wait until it can be read back, as long as it takes; False when stopped meanwhile."""
         keys, run = self._service.keys, self._record.run
         puts = ((keys.journal(run, entry.episode), entry), (keys.journal_latest(run), entry))
-        return self._put_and_confirm(puts, f"journal/{run}/{LATEST}")
-
-    def _put_and_confirm(self, puts: tuple[tuple[str, Message], ...], read_back: str) -> bool:
-        service, expected = self._service, puts[-1][1]
-        while not service.stopping:
-            for key, message in puts:
-                service.put(key, message)
-            if self._read(read_back, type(expected)) == expected:
-                return True
-            service.phase = "waiting for store (it does not confirm what it was given)"
-            service.complain(service.phase)
-            service.work_until(lambda: False, RETRY_S)
-        return False
+        return put_and_confirm(self._service, puts, f"journal/{run}/{LATEST}")
 
     def _newest(self) -> list[JournalEpisode] | None:
         """Return the newest episode if there is one, or None while the store does not know the run.
@@ -77,10 +103,3 @@ class Journal:
         if sample is None:
             return []
         return [decode(JournalEpisode, sample.payload.to_bytes(), str(sample.encoding))]
-
-    def _read(self, name: str, kind: type[M]) -> M | None:
-        try:
-            found = self._service.fetch_all(name, kind)
-        except ContractError as error:
-            raise CellError(f"store: {name} cannot be read: {error}") from error
-        return found[0] if found else None

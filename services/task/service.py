@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from services.task.insertion import Insertion
-from services.task.journal import Journal
 from services.task.robot import Robot
+from services.task.run import TaskRun
+from services.task.skills import Skills
 from services.wire.definition import Definition
-from services.wire.definition_file import definition_sha256, run_id
 from services.wire.errors import DivergedError, ForeignRunError, GapError
 from services.wire.keys import ACTION, EPISODE, EXPERIMENT, OBSERVATION, REWARD, TASK_STEPS
-from services.wire.messages import (
-    Action,
-    EpisodeSummary,
-    Experiment,
-    Home,
-    JournalEpisode,
-    Move,
-    Observation,
-    Reward,
-    RunRecord,
-)
+from services.wire.messages import Action, EpisodeSummary, Home, Move, Observation, Reward
 from services.wire.service import Options, Service
 
 REPEAT_S = 1.0
@@ -27,10 +16,13 @@ REPEAT_S = 1.0
 
 
 def serve(options: Options, definition: Definition, seed: int, episodes: int) -> None:
-    """Run ``episodes`` episodes of a definition with a seed, going on where the store's journal ends."""
+    """Run ``episodes`` episodes of a definition with a seed, going on where the store's journal ends.
+
+    In a fleet, the first cell takes the seed, the second the next one, and so on.
+    """
     with Service("task", options) as service:
         service.claim()
-        shell = TaskShell(service, definition, seed, episodes)
+        shell = TaskShell(service, definition, seed + service.place, episodes)
         if not shell.resume():
             return
         service.watch(shell.on_alive)
@@ -39,75 +31,79 @@ def serve(options: Options, definition: Definition, seed: int, episodes: int) ->
 
 
 class TaskShell:
-    """One run of the task."""
+    """The task: it works on the run that definition, seed and the skill in the store determine."""
 
     def __init__(self, service: Service, definition: Definition, seed: int, episodes: int) -> None:
         self._service = service
         self._seed = seed
         self._episodes = episodes
         self._definition = definition
-        self._sha256 = definition_sha256(definition)
-        self._run = service.run = run_id(definition, seed)
-        self._insertion = Insertion(definition, self._run, seed)
-        self._journal = Journal(
-            service,
-            RunRecord(
-                run=self._run,
-                seed=seed,
-                definition=definition,
-                definition_sha256=self._sha256,
-                skill_sha256=None,
-                contract_sha256=service.contract,
-            ),
-        )
+        self._skills = Skills(service, definition)
+        self._now = TaskRun(service, definition, seed, None)
         self._robot = Robot(service)
         self._publish_observation = service.publisher(OBSERVATION, Observation)
         self._publish_reward = service.publisher(REWARD, Reward)
         self._publish_episode = service.publisher(EPISODE, EpisodeSummary)
-        self._done = 0
-        self._decisions = 0
-        self._policy_version = 0
         self._alive: set[str] = set()
         self._came = False
         self._asked: Observation | None = None
         """The observation that was published last, and in ``_action`` the answer to it."""
         self._action: Action | None = None
-        self._last_reward: Reward | None = None
         service.subscribe(ACTION, Action, self._on_action, "agent")
-        service.answer(EXPERIMENT, lambda _: self._experiment())
-        service.answer(TASK_STEPS, lambda _: self._newest or self._insertion.record())
-        self._newest: JournalEpisode | None = None
-        """The journal's last entry until the first episode of this process begins."""
 
     def resume(self) -> bool:
-        """Find the run's place in the journal; False when stopped meanwhile."""
-        newest, going_on = self._journal.resume()
-        if newest is not None and newest.summary is not None:
-            self._done = newest.episode + 1
-            self._decisions = newest.first_decision + len(newest.steps)
-            self._insertion.expect_states(newest.summary.states)
-            self._newest = newest
-            self._last_reward = _terminal_reward(newest)
-            self._service.log.info("run %s goes on with episode %d", self._run, self._done)
-        return going_on
+        """Find out which run it is and where it stands, and say so; False when stopped meanwhile.
+
+        Waits for the store as long as it takes.
+        """
+        chosen = self._skills.at_start(self._now.record)
+        if chosen is None or not self._take_up(TaskRun(self._service, self._definition, self._seed, chosen.skill)):
+            return False
+        self._service.answer(EXPERIMENT, lambda _: self._now.experiment(self._episodes))
+        self._service.answer(TASK_STEPS, lambda _: self._now.newest or self._now.insertion.record())
+        return True
 
     def run_episodes(self) -> None:
-        """Run what is left, then serve queries until stopped."""
+        """Run what is left, then serve queries until stopped; when the store's skill changes, the run is another."""
         service = self._service
-        while self._done < self._episodes and not service.stopping:
-            summary = self._episode()
-            if summary is None or not self._journal.append(self._insertion.record()):
-                return
-            self._done += 1
-            self._decisions += summary.decisions
-            service.phase = "running"
-            self._publish_episode(summary)
-        service.phase = "finished"
         while not service.stopping:
-            # The agent may have missed the very last reward; nothing follows that would make it ask.
-            if self._last_reward is not None:
-                self._publish_reward(self._last_reward)
-            service.work_until(lambda: False, REPEAT_S)
+            chosen = self._skills.between_episodes(self._now.skill, self._now.journal)
+            if chosen is not None:
+                following = TaskRun(service, self._definition, self._seed, chosen.skill)
+                if not self._take_up(following):
+                    return
+            if self._now.done >= self._episodes:
+                self._rest()
+            elif not self._advance():
+                return
+
+    def _take_up(self, run: TaskRun) -> bool:
+        """Work on a run from where its journal ends; False when stopped meanwhile."""
+        if not run.resume():
+            return False
+        self._now, self._asked, self._action = run, None, None
+        self._service.run, self._service.phase = run.name, "running"
+        return True
+
+    def _advance(self) -> bool:
+        """Run one episode and store it; False when stopped meanwhile."""
+        now, service = self._now, self._service
+        summary = self._episode()
+        if summary is None or not now.journal.append(now.insertion.record()):
+            return False
+        now.done += 1
+        now.decisions += summary.decisions
+        service.phase = "running"
+        self._publish_episode(summary)
+        return True
+
+    def _rest(self) -> None:
+        """Wait a moment after the end of the run."""
+        self._service.phase = "finished"
+        # The agent may have missed the very last reward; nothing follows that would make it ask.
+        if self._now.last_reward is not None:
+            self._publish_reward(self._now.last_reward)
+        self._service.work_until(lambda: self._skills.noticed, REPEAT_S)
 
     def on_alive(self, name: str, alive: bool) -> None:
         """Note who came and went; what a newcomer missed is sent again at once."""
@@ -118,9 +114,9 @@ class TaskShell:
 
     def _episode(self) -> EpisodeSummary | None:
         """Run one episode; None when stopped before its end."""
-        insertion = self._insertion
-        motion: Home | Move = insertion.home(self._done, self._decisions)
-        self._newest = None
+        now, insertion = self._now, self._now.insertion
+        motion: Home | Move = insertion.home(now.done, now.decisions)
+        now.newest = None
         while True:
             felt_after = self._robot.go(motion)
             if felt_after is None:
@@ -128,7 +124,7 @@ class TaskShell:
             moved, packet = felt_after
             felt = insertion.feel(moved, packet.force_n[-1], packet.torque_nm[-1])
             if felt.reward is not None:
-                self._last_reward = felt.reward
+                now.last_reward = felt.reward
                 self._publish_reward(felt.reward)
             if isinstance(felt.then, EpisodeSummary):
                 return felt.then
@@ -154,13 +150,14 @@ class TaskShell:
             missing = sorted({"classifier", "agent"} - self._alive)
             service.phase = f"waiting for {' and '.join(missing) or 'classifier or agent (no action)'}"
             service.complain(service.phase)
-            if self._last_reward is not None:
-                self._publish_reward(self._last_reward)
+            if self._now.last_reward is not None:
+                self._publish_reward(self._now.last_reward)
         return None
 
     def _on_action(self, action: Action) -> None:
-        if action.run != self._run:
-            raise ForeignRunError(f"action: expected run {self._run}, got {action.run}")
+        now = self._now
+        if action.run != now.name:
+            raise ForeignRunError(f"action: expected run {now.name}, got {action.run}")
         asked = self._asked
         if asked is None or action.decision < asked.decision or (action.decision == asked.decision and self._action):
             return  # an answer given twice
@@ -171,37 +168,9 @@ class TaskShell:
             raise DivergedError(f"action: expected episode and step {expected}, got {got}")
         if action.action >= self._definition.moves.actions:
             raise DivergedError(f"action: expected one below {self._definition.moves.actions}, got {action.action}")
-        if not self._policy_version <= action.policy_version <= action.decision:
-            expected = f"{self._policy_version} to {action.decision}"
+        highest = now.first_version + action.decision
+        if not now.version <= action.policy_version <= highest:
+            expected = f"{now.version} to {highest}"
             raise DivergedError(f"action: expected a policy of version {expected}, got {action.policy_version}")
-        self._policy_version = action.policy_version
+        now.version = action.policy_version
         self._action = action
-
-    def _experiment(self) -> Experiment:
-        return Experiment(
-            run=self._run,
-            seed=self._seed,
-            definition=self._definition,
-            definition_sha256=self._sha256,
-            skill_sha256=None,
-            first_policy_version=0,
-            episodes=self._episodes,
-            episodes_done=self._done,
-            decisions=self._decisions,
-            phase=self._service.phase,
-        )
-
-
-def _terminal_reward(entry: JournalEpisode) -> Reward | None:
-    """Return the last reward of a finished episode, or None when nothing was decided in it."""
-    last = entry.steps[-1] if entry.steps else None
-    if last is None or last.reward is None or entry.summary is None:
-        return None
-    return Reward(
-        run=entry.run,
-        episode=entry.episode,
-        step=last.step,
-        decision=entry.first_decision + len(entry.steps) - 1,
-        reward=last.reward,
-        terminal=entry.summary.outcome,
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import sys
 from pathlib import Path
 
@@ -22,9 +23,44 @@ def main() -> None:
         help="how much of the past viewers that attach later get to see (default: 256MB)",
     )
     parser.add_argument("--save", type=Path, metavar="FILE", help="record to a .rrd file as well")
+    parser.add_argument(
+        "--web-port",
+        type=int,
+        default=default.web_port,
+        metavar="PORT",
+        help="port of the page for browsers, 0 for any free one (default: 9090)",
+    )
+    parser.add_argument("--no-web", action="store_true", help="serve no page for browsers")
+    parser.add_argument(
+        "--advertise-port",
+        type=_port,
+        metavar="PORT",
+        help="port that the page sends browsers to, where --port is published as another one (default: --port)",
+    )
+    parser.add_argument(
+        "--allow-origin",
+        action="append",
+        default=[],
+        metavar="PATTERN",
+        help="let pages from elsewhere read the stream, as https://cell.example or http://*:8080; may be repeated",
+    )
     chosen = parser.parse_args()
-    settings = Settings(bind=chosen.bind, port=chosen.port, memory_limit=chosen.memory_limit, save=chosen.save)
+    settings = Settings(
+        bind=chosen.bind,
+        port=chosen.port,
+        memory_limit=chosen.memory_limit,
+        save=chosen.save,
+        web_port=None if chosen.no_web else chosen.web_port,
+        advertise_port=chosen.advertise_port,
+        allow_origins=tuple(chosen.allow_origin),
+    )
     serve(command.options(chosen), settings)
+
+
+def _port(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 65535):
+        raise argparse.ArgumentTypeError(f"expected a port from 1 to 65535, got {text!r}")
+    return int(text)
 
 
 if __name__ == "__main__":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import rerun as rr
 import rerun.blueprint as rrb
 
@@ -13,10 +15,10 @@ TIME = "time"
 """Timeline: time since the viewer's start."""
 EPISODE = "episode"
 """Timeline: number of the episode, for what there is one of in an episode."""
-SHOWN_S = 10.0
+SHOWN_S = 15.0
 """How far back the curves of forces and decisions reach."""
 
-EYE_MM = (34.0, -52.0, -40.0)
+EYE_MM = (31.0, -47.0, -36.0)
 """Where the scene is looked at from, hole frame: from the side that is cut open, and above."""
 
 Q_TABLE = "agent/q_table"
@@ -62,20 +64,24 @@ def blueprint() -> rrb.Blueprint:
     )
     table = rrb.Spatial2DView(
         origin="agent",
-        name="Action values Q (dot: best, grey: never tried)",
+        name="Action values (dot: best)",
         visual_bounds=rrb.VisualBounds2D(x_range=(-45, TABLE_WIDE + 15), y_range=(-60, TABLE_HIGH + 35)),
         background=rrb.Background(color=(24, 26, 30)),
     )
     log = rrb.TextLogView(
         origin=record.LOG,
-        name="Episodes: outcome, return, mean force, peak force",
+        name="Return, mean and peak force",
         columns=rrb.TextLogColumns(timeline_columns=[EPISODE], text_log_columns=["Body"]),
         format_options=rrb.TextLogFormat(monospace_body=True),
     )
     learnt = rrb.Vertical(
-        _whole(record.RETURN, "Return of each episode"),
-        _whole(record.FAILURES, f"Failures per {WINDOW} episodes", (-0.5, WINDOW + 0.5)),
-        rrb.BarChartView(origin=record.RUN, name="Return by episode", plot_legend=rrb.PlotLegend(visible=False)),
+        _whole(record.RETURN, "Return of each episode", "RightBottom"),
+        _whole(record.FAILURES, f"Failures per {WINDOW} episodes", "RightTop", (-0.5, WINDOW + 0.5)),
+        rrb.BarChartView(
+            origin=record.RUN,
+            name="Return by episode, whole run",
+            plot_legend=rrb.PlotLegend(visible=False),
+        ),
         log,
         row_shares=[3, 2, 3, 4],
     )
@@ -103,8 +109,10 @@ def _recent(entity: str, name: str) -> rrb.TimeSeriesView:
     )
 
 
-def _whole(entity: str, name: str, span: tuple[float, float] | None = None) -> rrb.TimeSeriesView:
-    """Return a plot of all that was seen of the run."""
+def _whole(
+    entity: str, name: str, corner: Literal["RightBottom", "RightTop"], span: tuple[float, float] | None = None
+) -> rrb.TimeSeriesView:
+    """Return a plot of all that was seen of the run; a run that goes well leaves ``corner`` to the legend."""
     start, end = rrb.TimeRangeBoundary.infinite(), rrb.TimeRangeBoundary.cursor_relative()
     return rrb.TimeSeriesView(
         origin=entity,
@@ -112,7 +120,7 @@ def _whole(entity: str, name: str, span: tuple[float, float] | None = None) -> r
         axis_x=rrb.TimeAxis(view_range=rr.TimeRange(start=start, end=end)),
         time_ranges=rrb.VisibleTimeRange(TIME, start=start, end=end),
         axis_y=None if span is None else rrb.ScalarAxis(range=span),
-        plot_legend=rrb.PlotLegend(corner="LeftBottom"),
+        plot_legend=rrb.PlotLegend(corner=corner),
     )
 
 
@@ -120,8 +128,8 @@ def style(recording: rr.RecordingStream) -> None:
     """Log how curves and marks look."""
     for entity, columns in STYLES.items():
         names, shades = [name for name, _ in columns], [colour for _, colour in columns]
-        recording.log(entity, rr.SeriesLines(names=names, colors=shades, widths=[1.5] * len(columns)), static=True)
+        recording.log(entity, rr.SeriesLines(names=names, colors=shades, widths=[1.25] * len(columns)), static=True)
     for entity, (name, colour) in MARKS.items():
-        marks = rr.SeriesPoints(names=name, colors=colour, markers="Circle", marker_sizes=2.0)
+        marks = rr.SeriesPoints(names=name, colors=colour, markers="Circle", marker_sizes=2.5)
         recording.log(entity, marks, static=True)
     recording.log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_DOWN, static=True)

@@ -27,7 +27,7 @@ from services.wire.messages import (
     Truth,
 )
 
-BUCKET_NS = 50_000_000
+BUCKET_NS = 100_000_000
 """Of what is faster than this, only the extremes are shown."""
 
 FORCE = "wrist/force"
@@ -124,6 +124,10 @@ class Recorder:
         self._rewards: list[float] = []
         self._episodes: list[tuple[EpisodeSummary, Progress]] = []
         self._truth: Truth | None = None
+        self._more = False
+        """Whether anything came since the whole run was sent."""
+        self._shown: tuple[str, int, str] | None = None
+        """Which action values were sent since anything came: run, decisions, digest."""
 
     def experiment(self, experiment: Experiment) -> None:
         """Take what runs: the collision limit, and whose episodes to average."""
@@ -170,12 +174,32 @@ class Recorder:
             items.append(_placement(PEG, end_ns, self._truth.peg))
             items.append(_placement(FLANGE, end_ns, self._truth.flange))
             self._truth = None
+        if items:  # time moves on anyway; and old ones will be dropped for lack of memory
+            self._more, self._shown = True, None
         return items
 
     def whole_run(self, time_ns: int) -> Bars | None:
-        """Return the run so far; None before the first episode."""
+        """Return the run so far; None before the first episode, and while nothing came since the last time.
+
+        What is sent moves the time on the screens along: the plots of a cell that rests would run empty.
+        """
+        more, self._more = self._more, False
         firsts, means, width = self._history.bars()
-        return Bars(RUN, time_ns, firsts, means, width) if len(firsts) else None
+        return Bars(RUN, time_ns, firsts, means, width) if more and len(firsts) else None
+
+    def table(self, answer: QTable, time_ns: int) -> Table | None:
+        """Return the action values for showing; None while the agent knows no state, and while nothing changes."""
+        known = (answer.run, answer.decisions, answer.digest)
+        if not answer.q or known == self._shown:
+            return None
+        self._shown = known
+        return Table(
+            time_ns=time_ns,
+            actions=answer.actions,
+            values=np.array(answer.q, dtype=np.float64).T,
+            visited=np.array(answer.visits, dtype=np.int64).T > 0,
+            best=answer.best_action,
+        )
 
     # -- details -------------------------------------------------------------------------------------------------
 
@@ -234,21 +258,7 @@ class Recorder:
 def line(summary: EpisodeSummary) -> str:
     """Return one episode as a line of text: outcome, return, mean and peak force; its number is on a timeline."""
     return (
-        f"{summary.outcome:<11} {summary.episode_return:7.1f}  "
-        f"{summary.mean_force_n:5.2f} N  {summary.peak_force_n:5.2f} N"
-    )
-
-
-def table(answer: QTable, time_ns: int) -> Table | None:
-    """Return the action values for showing; None while the agent knows no state."""
-    if not answer.q:
-        return None
-    return Table(
-        time_ns=time_ns,
-        actions=answer.actions,
-        values=np.array(answer.q, dtype=np.float64).T,
-        visited=np.array(answer.visits, dtype=np.int64).T > 0,
-        best=answer.best_action,
+        f"{summary.outcome:<11}{summary.episode_return:7.1f} {summary.mean_force_n:5.2f} {summary.peak_force_n:5.2f} N"
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
@@ -12,7 +13,9 @@ import zenoh
 from zenoh.handlers import FifoChannel, RingChannel
 
 from services.viewer import record
+from services.viewer.address import bracketed
 from services.viewer.stream import Stream
+from services.viewer.web import WebServer
 from services.wire.codec import decode
 from services.wire.errors import TreenailError
 from services.wire.keys import ACTION, EPISODE, EXPERIMENT, FT, Q_TABLE, REWARD, STATE, TRUTH
@@ -31,7 +34,7 @@ from services.wire.service import Options, Service
 
 M = TypeVar("M", bound=Message)
 
-SEND_EVERY_S = 0.1
+SEND_EVERY_S = 0.2
 """Larger pieces let the same memory hold more of the past: a piece costs about 1 kB by itself."""
 ASK_EVERY_S = 1.0
 RING = 4096
@@ -52,27 +55,41 @@ class Settings:
     """How much of the past is kept for viewers that attach later."""
     save: Path | None = None
     """File to record to as well."""
+    web_port: int | None = 9090
+    """Port of the page for browsers, 0 for any free one; None for no page."""
+    advertise_port: int | None = None
+    """Port under which browsers reach ``port``, where it is published as another one; None for the same."""
+    allow_origins: tuple[str, ...] = ()
+    """From where a page may read the stream beside our own, as ``https://cell.example``; ``*`` stands for anything."""
 
 
 def serve(options: Options, settings: Settings) -> None:
     """Stream a cell to Rerun until stopped."""
     with Service("viewer", options) as service:
         service.claim()
-        stream = Stream(settings.bind, settings.port, settings.memory_limit, settings.save)
-        try:
+        with ExitStack() as open_now:
+            page = None if settings.web_port is None else WebServer(settings.bind, settings.web_port)
+            origins = list(settings.allow_origins)
+            if page is not None:
+                open_now.callback(page.stop)
+                # Whatever name this machine has where the browser is: by the port it is our page.
+                origins.append(f"http://*:{page.port}")
+            stream = Stream(settings.bind, settings.port, settings.memory_limit, settings.save, origins)
+            open_now.callback(stream.close)
             shell = ViewerShell(service, stream)
             service.ready()
-            service.log.info("watch with: %s", invitation(settings.bind, stream.port))
+            service.log.info("watch with: %s", invitation("rerun rerun+http", settings.bind, stream.port, "/proxy"))
+            if page is not None:
+                page.start(settings.advertise_port or stream.port)
+                service.log.info("or in a browser: %s", invitation("http", settings.bind, page.port))
             shell.loop()
-        finally:
-            stream.close()
 
 
-def invitation(bind: str, port: int) -> str:
-    """Return the command that attaches a Rerun viewer."""
+def invitation(start: str, bind: str, port: int, end: str = "") -> str:
+    """Return an address that can be connected to, between ``start`` and ``end``."""
     if bind not in ("0.0.0.0", "::"):
-        return f"rerun rerun+http://{bind}:{port}/proxy"
-    return f"rerun rerun+http://127.0.0.1:{port}/proxy (elsewhere with this machine's address for 127.0.0.1)"
+        return f"{start}://{bracketed(bind)}:{port}{end}"
+    return f"{start}://127.0.0.1:{port}{end} (elsewhere with this machine's address for 127.0.0.1)"
 
 
 class Inlet(Generic[M]):
@@ -130,7 +147,7 @@ class Question(Generic[M]):
 
 
 class ViewerShell:
-    """Moves what comes in to Rerun, some ten times a second."""
+    """Moves what comes in to Rerun, five times a second."""
 
     def __init__(self, service: Service, stream: Stream) -> None:
         self._service = service
@@ -172,7 +189,7 @@ class ViewerShell:
         for item in self._recorder.flush(start_ns, end_ns):
             self._stream.send(item)
         answer = self._q_table.answer()
-        table = None if answer is None else record.table(answer, end_ns)
+        table = None if answer is None else self._recorder.table(answer, end_ns)
         if table is not None:
             self._stream.send(table)
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 import socket
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
 
 from services.viewer import colours, layout, record, shapes
+from services.viewer.address import bracketed
 from services.viewer.decimate import Nanoseconds
 from services.wire.definition import Definition
 from services.wire.errors import CellError
@@ -20,8 +22,10 @@ _SIZE = re.compile(r"^[1-9][0-9]{0,8}(MB|GB|MiB|GiB)$")
 class Stream:
     """One recording, served and, when asked for, saved."""
 
-    def __init__(self, bind: str, port: int, memory_limit: str, save: Path | None) -> None:
+    def __init__(self, bind: str, port: int, memory_limit: str, save: Path | None, origins: Sequence[str] = ()) -> None:
         """Serve on ``bind``:``port`` (0 for any free port), keeping the newest ``memory_limit`` (as "256MB") of data.
+
+        Pages of this machine may read it, and those from ``origins`` (as "http://*:9090").
 
         Raises CellError when the port is taken, the file cannot be written, or the limit is no size.
         """
@@ -30,7 +34,14 @@ class Stream:
         self.port = free_port(bind, port)
         sinks: list[rr.GrpcServerSink | rr.FileSink] = []
         try:
-            sinks.append(rr.GrpcServerSink(bind_ip=bind, port=self.port, server_memory_limit=memory_limit))
+            server = rr.GrpcServerSink(
+                bind_ip=bracketed(bind),
+                port=self.port,
+                server_memory_limit=memory_limit,
+                newest_first=True,
+                cors_allow_origin=list(origins),
+            )
+            sinks.append(server)
             if save is not None:
                 save.touch()  # Rerun opens it later, and its data would have nowhere to go
                 # Without a footer: it would keep something of each chunk in memory until the end of the run.
@@ -98,16 +109,16 @@ class Stream:
         row, column = layout.TABLE_HIGH / actions, layout.TABLE_WIDE / states
         tried = ((state, action) for state, action in enumerate(item.best) if item.visited[action, state])
         dots = [((state + 0.5) * column, (action + 0.5) * row) for state, action in tried]
-        self._recording.log("agent/best", rr.Points2D(dots, colors=colours.VERMILION, radii=2.5, draw_order=40.0))
+        self._recording.log("agent/best", rr.Points2D(dots, colors=colours.VERMILION, radii=4.0, draw_order=40.0))
         # Rerun draws a label below its point, so that a point stands some way above what it names.
         labels = [((-18.0, (action - 0.4) * row), name) for action, name in enumerate(item.actions)]
-        named = range(0, states, 5 if states <= 50 else 20)
+        named = range(0, states, 1 if states <= 10 else 5 if states <= 50 else 20)
         labels += [(((state + 0.5) * column, -30.0), str(state)) for state in named]
         labels.append(((layout.TABLE_WIDE / 2, -54.0), "contact state"))
         known = item.values[item.visited]
         if known.size:
             scale = f"Q from {known.min():.1f} (dark) to {known.max():.1f} (light)"
-            labels.append(((layout.TABLE_WIDE / 2, layout.TABLE_HIGH + 2.0), scale))
+            labels.append(((layout.TABLE_WIDE / 2, layout.TABLE_HIGH + 2.0), f"{scale}; grey: untried"))
         places, names = [place for place, _ in labels], [name for _, name in labels]
         names_at = rr.Points2D(places, labels=names, show_labels=True, radii=0.0, colors=(220, 220, 220))
         self._recording.log("agent/labels", names_at)

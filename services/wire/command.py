@@ -14,15 +14,17 @@ from typing import NoReturn
 
 from services.wire.errors import TreenailError
 from services.wire.service import Options
-from services.wire.session import DEFAULT_ENDPOINT
+from services.wire.session import DEFAULT_ENDPOINT, DEFAULT_SECURE_ENDPOINT
 
 DIE_WITH_PARENT = "TREENAIL_DIE_WITH_PARENT"
 """Environment variable with the process id of the parent to die with."""
 CELL = "TREENAIL_CELL"
 CONNECT = "TREENAIL_CONNECT"
 CERTS = "TREENAIL_CERTS"
+FLEET = "TREENAIL_FLEET"
 """Environment variables that stand in for options, so that a container or a shell is told once."""
 _PR_SET_PDEATHSIG = 1
+MAX_FLEET = 1000
 EXIT_ERROR = 2
 """Exit status of a service that could not start or go on, and said why in one line."""
 
@@ -39,6 +41,13 @@ def parser(name: str, summary: str) -> argparse.ArgumentParser:
     """Return a parser with the options that every service takes."""
     made = Parser(prog=f"treenail {name}", description=summary)
     add_arguments(made)
+    made.add_argument(
+        "--fleet",
+        type=int,
+        default=os.environ.get(FLEET) or None,
+        metavar="N",
+        help=f"stand in the first of the cells 1 to N that is without this service (default: ${FLEET}, else --cell)",
+    )
     return made
 
 
@@ -75,10 +84,12 @@ def add_certs(made: argparse.ArgumentParser) -> None:
 def options(arguments: argparse.Namespace) -> Options:
     """Return the shared options of parsed arguments."""
     told = [word.strip() for word in os.environ.get(CONNECT, "").split(",") if word.strip()]
-    connect = tuple(arguments.connect or told or (DEFAULT_ENDPOINT,))
-    return Options(
-        cell=arguments.cell, connect=connect, connect_timeout_s=arguments.connect_timeout, certs=arguments.certs
-    )
+    usual = DEFAULT_ENDPOINT if arguments.certs is None else DEFAULT_SECURE_ENDPOINT
+    connect = tuple(arguments.connect or told or (usual,))
+    fleet = getattr(arguments, "fleet", None)  # not an option of clients
+    if fleet is not None and not 1 <= fleet <= MAX_FLEET:
+        raise TreenailError(f"--fleet: expected 1 to {MAX_FLEET} cells, got {fleet}")
+    return Options(arguments.cell, connect, arguments.connect_timeout, arguments.certs, fleet)
 
 
 def die_with_parent() -> None:

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from services.wire.messages import EpisodeSummary
 
 WINDOW = 10
+LINE_EVERY_S = 2.0
+"""Time between lines in a log."""
 
 
 @dataclass

@@ -7,7 +7,7 @@ session, the earlier one sorts first. Zenoh's timestamp of a message tells which
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import zenoh
@@ -21,35 +21,36 @@ SampleHandler: TypeAlias = "Callback[zenoh.Sample]"
 
 
 class Roles:
-    """Who holds which role, as far as one process knows. All but ``claim`` only reads and notes: no waiting."""
+    """Who holds which role in one cell, as far as one process knows."""
 
     def __init__(self, session: zenoh.Session, keys: Keys, name: str) -> None:
         self.instance = f"{time.time_ns():020d}-{session.zid()}"
         self.ousted: RoleTakenError | None = None
         """Set when an earlier holder of our own role, cut off from the router when we claimed it, is back."""
         self._session = session
-        self._keys = keys
+        self.keys = keys
         self._name = name
         self._holders: dict[str, set[str]] = {}
         """Sessions of who holds a role; a role that nobody has held yet is not in it."""
         self._declared: list[object] = []
 
-    def claim(self, stopping: Callable[[], bool], post: Callable[[zenoh.Sample], None]) -> None:
-        """Take this process's role, and have ``note`` called, by way of ``post``, with what others claim.
-
-        Raises RoleTakenError when another process keeps it.
-        """
-        deadline = time.monotonic() + 2.0 * LEASE_MS / 1000  # a predecessor that just died may still be listed
-        while others := self._others():
-            if time.monotonic() > deadline or stopping():
-                raise self._taken(others)
-            time.sleep(0.05)
-        liveliness = self._session.liveliness()
-        self._declared.append(liveliness.declare_token(self._keys.of(f"claim/{self._name}/{self.instance}")))
-        if earlier := [other for other in self._others() if other < self.instance]:
-            raise self._taken(earlier)
+    def follow(self, post: Callable[[zenoh.Sample], None]) -> None:
+        """Have ``note`` called, by way of ``post``, with what anybody in the cell claims, now and later."""
         callback: SampleHandler = Callback(post, indirect=False)
-        self._declared.append(liveliness.declare_subscriber(self._keys.of("claim/*/*"), callback, history=True))
+        key = self.keys.of("claim/*/*")
+        self._declared.append(self._session.liveliness().declare_subscriber(key, callback, history=True))
+
+    def attempt(self) -> RoleTakenError | None:
+        """Take this process's role if it is free; otherwise return who has it, with nothing left behind."""
+        if others := self._others():
+            return self._taken(others)
+        token = self._session.liveliness().declare_token(self.keys.of(f"claim/{self._name}/{self.instance}"))
+        # Of two that came at once, the earlier one stays.
+        if earlier := [other for other in self._others() if other < self.instance]:
+            token.undeclare()  # type: ignore[no-untyped-call]
+            return self._taken(earlier)
+        self._declared.append(token)
+        return None
 
     def note(self, sample: zenoh.Sample) -> None:
         """Note that a claim came or went."""
@@ -71,12 +72,33 @@ class Roles:
             raise StrangerError(f"{sample.key_expr}: expected a message of {' or '.join(roles)}, got one of {sender}")
 
     def _others(self) -> list[str]:
-        replies = self._session.liveliness().get(self._keys.of(f"claim/{self._name}/*"), timeout=1.0)
+        replies = self._session.liveliness().get(self.keys.of(f"claim/{self._name}/*"), timeout=1.0)
         found = (str(reply.ok.key_expr).rpartition("/")[2] for reply in replies if reply.ok is not None)
         return [instance for instance in found if instance != self.instance]
 
     def _taken(self, others: list[str]) -> RoleTakenError:
         return RoleTakenError(
-            f"{self._name}: expected to be the only one in cell {self._keys.cell!r}, "
+            f"{self._name}: expected to be the only one in cell {self.keys.cell!r}, "
             f"but {len(others)} other has this role (instance {others[0]})"
         )
+
+
+def take_role(session: zenoh.Session, cells: Sequence[Keys], name: str, stopping: Callable[[], bool]) -> Roles:
+    """Take a role in the first of some cells where nobody has it.
+
+    Raises RoleTakenError when other processes keep it in all of them.
+    """
+    deadline = time.monotonic() + 2.0 * LEASE_MS / 1000  # a predecessor that just died may still be listed
+    while True:
+        for keys in cells:
+            roles = Roles(session, keys, name)
+            taken = roles.attempt()
+            if taken is None:
+                return roles
+        if time.monotonic() > deadline or stopping():
+            break
+        time.sleep(0.05)
+    if len(cells) == 1 and taken is not None:
+        raise taken
+    names = f"{cells[0].cell} to {cells[-1].cell}"
+    raise RoleTakenError(f"{name}: expected one of the {len(cells)} cells {names} to be without one, all have theirs")

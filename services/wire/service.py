@@ -14,7 +14,7 @@ import socket
 import time
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TypeAlias, TypeVar
@@ -22,12 +22,13 @@ from typing import TypeAlias, TypeVar
 import zenoh
 from zenoh.handlers import Callback
 
-from services.wire.answers import Asked, Request
+from services.wire.answers import Asked, Request, to_first
 from services.wire.codec import contract_sha256, decode, encode, encoding_of
 from services.wire.errors import CellError, NoAnswerError, TreenailError
+from services.wire.heartbeat import touch_heartbeat
 from services.wire.keys import Keys
 from services.wire.messages import Alive, Message, Refusal
-from services.wire.roles import Roles
+from services.wire.roles import Roles, take_role
 from services.wire.session import DEFAULT_ENDPOINT, open_client
 from services.wire.version import version
 
@@ -51,6 +52,13 @@ class Options:
     """How long to wait for the router at the start."""
     certs: Path | None = None
     """Folder with ca.pem, cert.pem and key.pem for mutual TLS; None without."""
+    fleet: int | None = None
+    """Number of cells, named 1 and up, in one of which this service shall stand: the first without one."""
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Names of the cells that come into question."""
+        return (self.cell,) if self.fleet is None else tuple(str(number + 1) for number in range(self.fleet))
 
 
 class Service:
@@ -58,7 +66,8 @@ class Service:
 
     def __init__(self, name: str, options: Options) -> None:
         self.name = name
-        self.keys = Keys(options.cell)
+        self.keys = Keys(options.cells[0])
+        """Keys of the cell; in a fleet it is known once claimed."""
         self.options = options
         self.log = logging.getLogger(name)
         self.phase = "starting"
@@ -69,10 +78,13 @@ class Service:
         self._started_ns = time.time_ns()
         self._beat = 0
         self._next_beat = time.monotonic()
-        self._inbox: queue.SimpleQueue[tuple[Callable[..., None], object]] = queue.SimpleQueue()
+        self._inbox: queue.SimpleQueue[tuple[Service, Callable[..., None], object]] = queue.SimpleQueue()
         self._declared: list[object] = []
         self.contract = contract_sha256()
         self._complained: dict[str, float] = {}
+        self._roles: Roles | None = None
+        self._neighbours: list[Service] = []
+        self._host = self
 
     # -- life ----------------------------------------------------------------------------------------------------
 
@@ -81,33 +93,55 @@ class Service:
             signal.signal(number, self._on_signal)
         try:
             self.session = open_client(
-                self.options.connect, self.options.connect_timeout_s, lambda: self.stopping, self.options.certs
+                self.options.connect,
+                self.options.connect_timeout_s,
+                lambda: self.stopping,
+                self.options.certs,
+                self.name,
             )
         except CellError:
             if self.stopping:
                 raise SystemExit(0) from None
             raise
-        self._roles = Roles(self.session, self.keys, self.name)
-        self._heartbeat = self.session.declare_publisher(self.keys.heartbeat(self.name), encoding=encoding_of(Alive))
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.session.close()  # type: ignore[no-untyped-call]
-        if kind is None and self._roles.ousted is not None:
-            raise self._roles.ousted
+        for roles in (self._roles, *(other._roles for other in self._neighbours)):
+            if kind is None and roles is not None and roles.ousted is not None:
+                raise roles.ousted
 
     def claim(self) -> None:
-        """Take this service's role in the cell. Raises RoleTakenError when another process keeps it."""
-        self._roles.claim(lambda: self.stopping, lambda sample: self._inbox.put((self._note_claim, sample)))
+        """Take this service's role in the cell, or in one of a fleet. Raises RoleTakenError when others keep it."""
+        cells = [Keys(cell) for cell in self.options.cells]
+        self._roles = take_role(self.session, cells, self.name, lambda: self.stopping)
+        self.keys = self._roles.keys
+        self._roles.follow(lambda sample: self._post((self._note_claim, sample)))
+        self._heartbeat = self.session.declare_publisher(self.keys.heartbeat(self.name), encoding=encoding_of(Alive))
         self.answer(f"alive/{self.name}", lambda _: self.status())
+
+    def claim_all(self) -> list[Service]:
+        """Take this service's role in every cell of a fleet; return its place in each, all served by one loop."""
+        self._neighbours = [
+            Service(self.name, replace(self.options, cell=cell, fleet=None)) for cell in self.options.cells
+        ]
+        for place in self._neighbours:
+            place.session, place._inbox, place._host = self.session, self._inbox, self
+            place.claim()
+        return list(self._neighbours)
+
+    @property
+    def place(self) -> int:
+        """Number of the cell in its fleet, from 0; 0 without a fleet."""
+        return self.options.cells.index(self.keys.cell)
 
     def ready(self) -> None:
         """Say that the service is alive: it has all it needs and serves its keys."""
         self.phase = "running"
         self._declared.append(self.session.liveliness().declare_token(self.keys.alive(self.name)))
-        self.log.info("ready: cell %s, instance %s", self.keys.cell, self._roles.instance)
+        self.log.info("ready: cell %s, instance %s", self.keys.cell, self._instance)
 
     def loop(self) -> None:
         """Work until stopped."""
@@ -117,23 +151,24 @@ class Service:
     def stop(self) -> None:
         """Make the loop end after the event at hand; safe from any thread."""
         self.stopping = True
-        self._inbox.put((_nothing, None))
+        self._post((_nothing, None))
 
     def work(self, timeout_s: float) -> bool:
         """Do one event of the inbox, waiting at most ``timeout_s`` for it; True when there was one. Beats the heart."""
         now = time.monotonic()
         if now >= self._next_beat:
             self._next_beat = now + HEARTBEAT_S
-            self._beat += 1
-            self._heartbeat.put(encode(self.status()))
+            touch_heartbeat()
+            for place in (self, *self._neighbours):
+                place._publish_heartbeat()
         try:
-            handler, item = self._inbox.get(timeout=max(0.0, min(timeout_s, self._next_beat - now)))
+            place, handler, item = self._inbox.get(timeout=max(0.0, min(timeout_s, self._next_beat - now)))
         except queue.Empty:
             return False
         try:
             handler(item)
         except TreenailError as error:
-            self.refuse(error)
+            place.refuse(error)
         return True
 
     def work_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
@@ -170,14 +205,15 @@ class Service:
         def take(sample: zenoh.Sample) -> None:
             self.handled += 1
             message = decode(kind, sample.payload.to_bytes(), str(sample.encoding))
-            self._roles.check_sender(sample, roles)
+            if self._roles is not None:
+                self._roles.check_sender(sample, roles)
             handler(message)
 
         self.subscribe_raw(name, take)
 
     def subscribe_raw(self, name: str, handler: Callable[[zenoh.Sample], None]) -> None:
         """Hand each sample on a key expression to ``handler``, in the loop."""
-        callback: Handler = Callback(lambda sample: self._inbox.put((handler, sample)), indirect=False)
+        callback: Handler = Callback(lambda sample: self._post((handler, sample)), indirect=False)
         self._declared.append(self.session.declare_subscriber(self.keys.of(name), callback))
 
     def watch(self, handler: Callable[[str, bool], None]) -> None:
@@ -186,7 +222,7 @@ class Service:
         def take(sample: zenoh.Sample) -> None:
             handler(str(sample.key_expr).rpartition("/")[2], sample.kind == zenoh.SampleKind.PUT)
 
-        callback: Handler = Callback(lambda sample: self._inbox.put((take, sample)), indirect=False)
+        callback: Handler = Callback(lambda sample: self._post((take, sample)), indirect=False)
         key = self.keys.alive("*")
         self._declared.append(self.session.liveliness().declare_subscriber(key, callback, history=True))
 
@@ -195,17 +231,27 @@ class Service:
 
         ``parameters`` are the names that a query may have beside ``format``.
         """
+        self.answer_later(name, lambda asked, request: asked.reply(handler(request)), *parameters)
+
+    def answer_later(self, name: str, handler: Callable[[Asked, Request], None], *parameters: str) -> None:
+        """Like ``answer``, but ``handler`` itself answers what was asked, or sees to it that this is done later."""
         key = self.keys.of(name)
 
         def take(query: zenoh.Query) -> None:
+            self.handled += 1
             asked = Asked(query, key, parameters)
-            try:
-                asked.reply(handler(asked.request()))
-            except TreenailError as error:
-                self.refuse(error)
-                asked.refuse(error)
+            self.answering(asked, lambda: handler(asked, asked.request()))
 
-        self.answer_raw(name, take)
+        callback: Handler = Callback(lambda query: self._post((take, query)), indirect=False)
+        self._declared.append(self.session.declare_queryable(key, callback))
+
+    def answering(self, asked: Asked, answer: Callable[[], None]) -> None:
+        """Call ``answer``; an error that it raises is counted and is the answer to what was asked."""
+        try:
+            answer()
+        except TreenailError as error:
+            self.refuse(error)
+            asked.refuse(error)
 
     def answer_raw(self, name: str, handler: Callable[[zenoh.Query], None]) -> None:
         """Hand each query on a key expression to ``handler``, in the loop; the query is final when it returns."""
@@ -215,7 +261,7 @@ class Service:
             with query:
                 handler(query)
 
-        callback: Handler = Callback(lambda query: self._inbox.put((take, query)), indirect=False)
+        callback: Handler = Callback(lambda query: self._post((take, query)), indirect=False)
         self._declared.append(self.session.declare_queryable(self.keys.of(name), callback))
 
     def refuse(self, error: TreenailError) -> None:
@@ -269,29 +315,22 @@ class Service:
 
         def ask(request: Message) -> M | Refusal | None:
             answers: list[M | Refusal | None] = []
-            replies: list[zenoh.Reply] = []
-
-            def take(reply: zenoh.Reply) -> None:
-                try:
-                    answers.append(_answer_in(reply, kind))
-                except TreenailError:
-                    answers.append(None)
-                    raise
-
-            def on_reply(reply: zenoh.Reply) -> None:
-                replies.append(reply)
-                self._inbox.put((take, reply))
-
-            def on_end() -> None:
-                if not replies:  # else the loop knows already, and need not be woken once more
-                    self._inbox.put((answers.append, None))
-
-            callback: Callback[zenoh.Reply] = Callback(on_reply, on_end, indirect=False)
+            callback = to_first(kind, answers.append, self._post)
             querier.get(handler=callback, payload=encode(request), encoding=encoding_of(type(request)))
             self.work_until(lambda: bool(answers), timeout_s)
             return answers[0] if answers else None
 
         return ask
+
+    def ask_later(self, name: str, kind: type[M], then: Callable[[M | Refusal | None], None], timeout_s: float) -> None:
+        """Ask a key and go on; ``then`` gets the answer in the loop, once, or None when nobody gave a good one."""
+        self.session.get(
+            self.keys.of(name),
+            to_first(kind, then, self._post),
+            consolidation=zenoh.ConsolidationMode.NONE,
+            timeout=timeout_s,
+            express=True,
+        )
 
     def put(self, key: str, message: Message) -> None:
         """Put a message on a full key, reliably; a put is no proof of storage, only reading it back is."""
@@ -303,7 +342,7 @@ class Service:
         """Return who this is and how it goes."""
         return Alive(
             service=self.name,
-            instance=self._roles.instance,
+            instance=self._instance,
             host=socket.gethostname(),
             pid=os.getpid(),
             version=version(),
@@ -318,22 +357,27 @@ class Service:
 
     # -- details -------------------------------------------------------------------------------------------------
 
+    def _post(self, event: tuple[Callable[..., None], object]) -> None:
+        """Have the loop do something; safe from any thread, and never waits."""
+        self._inbox.put((self, *event))
+
     def _on_signal(self, _number: int, _frame: FrameType | None) -> None:
         self.stop()
 
+    @property
+    def _instance(self) -> str:
+        return "" if self._roles is None else self._roles.instance
+
+    def _publish_heartbeat(self) -> None:
+        if self._roles is not None:
+            self._beat += 1
+            self._heartbeat.put(encode(self.status()))
+
     def _note_claim(self, sample: zenoh.Sample) -> None:
-        self._roles.note(sample)
-        if self._roles.ousted is not None:
-            self.stop()
-
-
-def _answer_in(reply: zenoh.Reply, kind: type[M]) -> M | Refusal | None:
-    """Return the message in a reply, or why it was refused; None for an error of Zenoh's own, such as a time-out."""
-    if reply.ok is not None:
-        return decode(kind, reply.ok.payload.to_bytes(), str(reply.ok.encoding))
-    if reply.err is not None and str(reply.err.encoding) == encoding_of(Refusal):
-        return decode(Refusal, reply.err.payload.to_bytes(), encoding_of(Refusal))
-    return None
+        if self._roles is not None:
+            self._roles.note(sample)
+            if self._roles.ousted is not None:
+                self._host.stop()
 
 
 def _nothing(_: object) -> None:

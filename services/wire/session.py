@@ -17,9 +17,12 @@ os.environ.setdefault(
 
 import zenoh
 
+from services.wire.access import ROUTER, access_control
 from services.wire.errors import CellError
+from services.wire.tls import check_endpoints, identity, trouble
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+DEFAULT_SECURE_ENDPOINT = "tls/127.0.0.1:7447"
 LEASE_MS = 1000
 """How long a silent peer counts as present; a dead process is noticed at once, a frozen host after this."""
 
@@ -37,14 +40,15 @@ _PRIORITIES = (
 )
 
 
-def _config(settings: dict[str, object]) -> zenoh.Config:
+def _config(settings: dict[str, object], tls: dict[str, object] | None) -> zenoh.Config:
+    """``tls`` is None for sessions without encryption, which then cannot be asked for by an endpoint either."""
+    link: dict[str, object] = {"tx": {"lease": LEASE_MS, "queue": {"size": dict.fromkeys(_PRIORITIES, 16)}}}
+    if tls is not None:
+        link |= {"tls": tls, "protocols": ["tls"]}
     common: dict[str, object] = {
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "timestamping": {"enabled": True},
-        "transport": {
-            "link": {"tx": {"lease": LEASE_MS, "queue": {"size": dict.fromkeys(_PRIORITIES, 16)}}},
-            "shared_memory": {"enabled": False},
-        },
+        "transport": {"link": link, "shared_memory": {"enabled": False}},
     }
     return zenoh.Config.from_json5(json.dumps({**common, **settings}))
 
@@ -54,12 +58,17 @@ def open_client(
     timeout_s: float = 30.0,
     stopping: Callable[[], bool] = lambda: False,
     certs: Path | None = None,
+    name: str | None = None,
 ) -> zenoh.Session:
     """Return a session with the router at one of ``endpoints``, waiting for it to come up.
 
-    ``stopping`` is asked now and then whether to give up. Raises CellError when none answers within ``timeout_s`` or
-    an endpoint is malformed.
+    ``stopping`` is asked now and then whether to give up. ``certs`` is the folder with the certificate of ``name``
+    (None: anybody's) for mutual TLS. Raises CellError when none answers within ``timeout_s``, when an endpoint is
+    malformed, when the certificate cannot be used, and when router and we refuse each other's.
     """
+    check_endpoints(endpoints, certs)
+    us = None if certs is None else identity(certs, name)
+    tls = None if us is None else us.zenoh(listen=False)
     deadline = time.monotonic() + timeout_s
     retry = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2}
     while True:
@@ -67,25 +76,38 @@ def open_client(
         began, piece_s = time.monotonic(), max(0.01, min(_PIECE_S, deadline - time.monotonic()))
         connect = {"endpoints": list(endpoints), "timeout_ms": int(piece_s * 1000), "retry": retry}
         try:
-            return zenoh.open(_config({"mode": "client", "connect": connect}))
+            return zenoh.open(_config({"mode": "client", "connect": connect}, tls))
         except zenoh.ZError as error:
             at_once = time.monotonic() < began + piece_s / 2
+            troubles = [] if us is None else [found for item in endpoints if (found := trouble(item, us))]
+            if troubles and len(troubles) == len(endpoints) and all(found.final for found in troubles):
+                raise CellError("; ".join(found.reason for found in troubles)) from None
             if at_once or time.monotonic() >= deadline or stopping():
                 where = ", ".join(endpoints)
                 waited = "" if at_once else f", none answered within {timeout_s:g} s"
-                raise CellError(f"router: expected one at {where}{waited} ({_brief(error)})") from None
+                why = "; ".join(found.reason for found in troubles) or _brief(error)
+                raise CellError(f"router: expected one at {where}{waited} ({why})") from None
 
 
-def open_router(endpoints: Sequence[str]) -> zenoh.Session:
-    """Return a session that is Zenoh's own router, listening on ``endpoints``. Raises CellError when it cannot."""
+def open_router(endpoints: Sequence[str], certs: Path | None = None) -> zenoh.Session:
+    """Return a session that is Zenoh's own router, listening on ``endpoints``.
+
+    With ``certs``, the folder with the router's certificate, only clients with a certificate of the same authority can
+    connect, and each may do what services.wire.access says. Raises CellError when it cannot.
+    """
+    check_endpoints(endpoints, certs)
     settings: dict[str, object] = {
         "mode": "router",
         "listen": {"endpoints": list(endpoints)},
         "connect": {"endpoints": []},
         "adminspace": {"enabled": True},
     }
+    tls = None
+    if certs is not None:
+        tls = identity(certs, ROUTER).zenoh(listen=True)
+        settings["access_control"] = access_control()
     try:
-        return zenoh.open(_config(settings))
+        return zenoh.open(_config(settings, tls))
     except zenoh.ZError as error:
         where = ", ".join(endpoints)
         raise CellError(f"router: cannot listen on {where}: is the port taken? ({_brief(error)})") from None

@@ -10,9 +10,10 @@ from collections.abc import Callable, Mapping
 from typing import Generic, Protocol, TypeVar
 
 from services.wire.errors import ContractError, DivergedError, FoldError, ForeignRunError, GapError, NoAnswerError
-from services.wire.keys import EXPERIMENT, JOURNAL_BLOCK, TASK_STEPS
-from services.wire.messages import Checkpoint, Experiment, JournalEpisode, RunRecord
+from services.wire.keys import EXPERIMENT, JOURNAL_BLOCK, SKILL, TASK_STEPS
+from services.wire.messages import Alive, Checkpoint, Experiment, JournalEpisode, RunRecord, Skill
 from services.wire.service import Service
+from services.wire.skill import decode
 
 CHECKPOINT_EVERY = 20
 """Episodes between checkpoints; what lies after the newest one is replayed from the journal."""
@@ -22,6 +23,9 @@ class Fold(Protocol):
     """What a worker needs of its memory."""
 
     decisions: int
+
+    def begin_with(self, skill: Skill) -> None:
+        """Take over what another run has learnt; ValueError when it does not fit."""
 
     def replay(self, journal: JournalEpisode) -> None:
         """Fold what is new of a journal entry."""
@@ -68,6 +72,8 @@ class Worker(Generic[F]):
 
         To be called when everything is subscribed to: what came between loading and subscribing is fetched first.
         """
+        # A task that took up a run that is over already has nothing more to tell in it.
+        self.service.subscribe("heartbeat/task", Alive, self._on_task, "task")
         self._settle()
         self.service.ready()
         while not self.service.stopping:
@@ -124,12 +130,32 @@ class Worker(Generic[F]):
             if len(records) != 1:
                 return None
             fold = self._blank(self.experiment)
+            if not self._begin(fold):
+                return None
             first = self._restore(fold)
             self._replay_journal(fold, first // JOURNAL_BLOCK)
         except (ContractError, FoldError) as error:
             self.service.complain(f"memory: {error}", topic="memory")
             return None
         return fold
+
+    def _begin(self, fold: F) -> bool:
+        """Take over the skill that the run began with, if any; False while the store does not have it."""
+        sha256 = self.experiment.skill_sha256
+        if sha256 is None:
+            return True
+        samples = self.service.fetch_samples(f"{SKILL}/{sha256}", 10.0)
+        if not samples:
+            self.service.complain(f"memory: expected skill {sha256[:12]} in the store, got none", topic="memory")
+            return False
+        found = decode(samples[0].payload.to_bytes(), str(samples[0].encoding))
+        if found.sha256 != sha256:
+            raise DivergedError(f"skill: expected {sha256[:12]}, got {found.sha256[:12]}")
+        try:
+            fold.begin_with(found.skill)
+        except ValueError as error:
+            raise DivergedError(f"skill {sha256[:12]}: {error}") from error
+        return True
 
     def _restore(self, fold: F) -> int:
         """Restore the newest checkpoint and return the episode that it stands before; 0 when there is none."""
@@ -176,6 +202,10 @@ class Worker(Generic[F]):
                 self.fold = known
         self.fold.replay(under_way)
         self.service.log.info("caught up: decisions %d to %d", before, self.fold.decisions)
+
+    def _on_task(self, task: Alive) -> None:
+        if task.run not in (None, self.experiment.run):
+            self._look_for_another_run()
 
     def _look_for_another_run(self) -> None:
         experiment = self._ask_experiment()

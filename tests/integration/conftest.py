@@ -123,7 +123,8 @@ class LiveCell:
             except ContractError:
                 return False
             learnt = [answer.decisions for answer in found.values() if answer is not None]
-            return learnt == [experiment.decisions] * 2 and found["q"].policy_version == experiment.decisions
+            version = experiment.first_policy_version + experiment.decisions
+            return learnt == [experiment.decisions] * 2 and found["q"].policy_version == version
 
         self.wait_until("all is learnt", settled)
         replies = self.session.get(self.keys.of(f"journal/{experiment.run}/*/*"), timeout=10.0)

@@ -117,7 +117,7 @@ class Viewer:
     def __init__(self, cell: Cell, *options: str) -> None:
         command = [sys.executable, "-m", "services.viewer", "--connect", cell.endpoint, "--bind", "127.0.0.1"]
         self.process = subprocess.Popen(
-            [*command, "--port", "0", *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            [*command, "--port", "0", "--no-web", *options], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
         )
         assert self.process.stdout is not None
         said = ""

@@ -33,7 +33,7 @@ def serve(run_module: Callable[..., Any], small: Path, tmp_path: Path) -> Callab
         options = {
             "store": ("--file", str(tmp_path / "store.sqlite")),
             "task": ("--experiment", str(small), "--episodes", "500"),
-            "viewer": ("--bind", "127.0.0.1", "--port", "0"),
+            "viewer": ("--bind", "127.0.0.1", "--port", "0", "--web-port", "0"),
         }.get(name, ())
         return run_module(f"services.{name}", "--connect", endpoint, *options, *more)
 

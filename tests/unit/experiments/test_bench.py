@@ -117,6 +117,19 @@ def test_the_ratio_is_of_one_round_and_the_report_gives_its_median(plan: Pattern
     assert report(Case(NAME, SHORT, SEED, 5), plan, [one(1.0, 1.0, 3.0)])["target_met"] is True
 
 
+def test_what_security_costs_is_reported_where_it_was_measured(plan: Pattern) -> None:
+    timing = Timed(plan.motions, plan.decisions, 2.0, 1.0)
+    chain = ChainTimes(1.0, 0.4, 0.6)
+    found = report(
+        Case(NAME, SHORT, SEED, 5, secure=True),
+        plan,
+        [Round(timing, chain, without_s, with_s) for without_s, with_s in ((2.0, 2.2), (4.0, 6.0), (1.0, 1.25))],
+    )
+    assert found["secured_ratio"] == {"median": 1.25, "min": 1.1, "max": 1.5}
+    assert found["secured_target_met"] is False
+    assert "secured_ratio" not in report(Case(NAME, SHORT, SEED, 5), plan, [Round(timing, chain, 2.0)])
+
+
 def _figures(value: object, name: str = "") -> Iterator[tuple[str, Mapping[str, float]]]:
     """Give all measured figures of a report."""
     if isinstance(value, dict):

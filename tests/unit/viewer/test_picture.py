@@ -118,8 +118,11 @@ def test_a_port_of_ones_own_choice_is_free() -> None:
 
 
 def test_the_invitation_names_an_address_that_can_be_connected_to() -> None:
-    assert invitation("10.1.2.3", 9000) == "rerun rerun+http://10.1.2.3:9000/proxy"
-    assert "rerun+http://127.0.0.1:9876/proxy " in invitation("0.0.0.0", 9876)
+    stream = "rerun rerun+http"
+    assert invitation(stream, "10.1.2.3", 9000, "/proxy") == "rerun rerun+http://10.1.2.3:9000/proxy"
+    assert invitation(stream, "fd00::1", 9000, "/proxy") == "rerun rerun+http://[fd00::1]:9000/proxy"
+    assert "rerun+http://127.0.0.1:9876/proxy " in invitation(stream, "0.0.0.0", 9876, "/proxy")
+    assert invitation("http", "::", 9090).startswith("http://127.0.0.1:9090 ")
 
 
 @pytest.mark.parametrize(("bind", "port"), [("127.0.0.1", 70000), ("no such host.", 0), ("192.0.2.1", 0)])

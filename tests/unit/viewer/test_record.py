@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from services.viewer import record
 from services.viewer.record import Bars, Item, Lines, Placement, Recorder, Series
@@ -107,7 +108,7 @@ def test_a_second_at_full_speed_becomes_two_rows_a_bucket_with_its_peak() -> Non
         recorder.ft(packet((0.1, 0.0, -11.0 if sample == 617 else 0.2)))
     items = recorder.flush(0, 1000 * MS)
     force = series(items, record.FORCE)
-    assert len(force.values) == 40
+    assert len(force.values) == 20
     assert force.values[:, 2].min() == -11.0
     assert series(items, record.MAGNITUDE).values[:, 0].max() == pytest.approx(math.hypot(0.1, 11.0))
 
@@ -146,7 +147,7 @@ def test_an_episode_becomes_return_failures_and_a_line() -> None:
     (lines,) = [item for item in items if isinstance(item, Lines)]
     assert lines.episodes == (4, 5)
     assert lines.levels == ("INFO", "WARN")
-    assert lines.texts[1].split() == ["collision", "-120.0", "0.50", "N", "2.25", "N"]
+    assert lines.texts[1].split() == ["collision", "-120.0", "0.50", "2.25", "N"]
 
 
 def test_an_episode_told_twice_is_shown_once() -> None:
@@ -177,6 +178,23 @@ def test_another_run_starts_its_averages_and_its_curve_afresh() -> None:
     assert bars.values.tolist() == [-10.0]
 
 
+def test_a_cell_that_rests_moves_no_time_along() -> None:
+    recorder = Recorder()
+    recorder.episode(summary(0))
+    recorder.flush(0, 50 * MS)
+    answer = q_table((-1.0, 0.0))
+    assert recorder.whole_run(1) is not None
+    assert recorder.table(answer, 1) is not None
+    assert recorder.flush(50 * MS, 100 * MS) == []
+    assert recorder.whole_run(2) is None
+    assert recorder.table(answer, 2) is None
+    assert recorder.table(structs.replace(answer, decisions=2), 2) is not None, "what changes is shown"
+    recorder.ft(packet((1.0, 0.0, 0.0)))
+    recorder.flush(100 * MS, 150 * MS)
+    assert recorder.whole_run(3) is not None, "for those who attach later"
+    assert recorder.table(answer, 3) is not None
+
+
 def test_only_the_newest_true_pose_is_shown() -> None:
     recorder = Recorder()
     for z in (-1.0, 2.5):
@@ -201,14 +219,14 @@ def q_table(*q: tuple[float, ...]) -> QTable:
 
 
 def test_the_q_table_stands_with_a_row_an_action_and_a_column_a_state() -> None:
-    shown = record.table(q_table((-1.0, 0.0), (-2.0, 0.0), (-3.0, 0.0)), 5)
+    shown = Recorder().table(q_table((-1.0, 0.0), (-2.0, 0.0), (-3.0, 0.0)), 5)
     assert shown is not None
     assert shown.values.tolist() == [[-1.0, -2.0, -3.0], [0.0, 0.0, 0.0]]
     assert shown.visited.tolist() == [[True] * 3, [False] * 3]
 
 
 def test_an_empty_q_table_is_not_shown() -> None:
-    assert record.table(q_table(), 5) is None
+    assert Recorder().table(q_table(), 5) is None
 
 
 def test_a_run_of_any_length_fits_into_bounded_bars_of_equal_width() -> None:
@@ -217,6 +235,7 @@ def test_a_run_of_any_length_fits_into_bounded_bars_of_equal_width() -> None:
     returns = np.random.default_rng(1).uniform(-100.0, 0.0, 1000)
     for number, value in enumerate(returns.tolist()):
         recorder.episode(summary(number, value))
+    recorder.flush(0, 50 * MS)
     bars = recorder.whole_run(3)
     assert isinstance(bars, Bars)
     assert (bars.time_ns, bars.width, len(bars.values)) == (3, 4, 250)

@@ -1,0 +1,138 @@
+"""Which skill the task's run begins with: the one that the store's ``checkpoint/skill/latest`` holds, if it fits.
+
+It is asked for at the start and between episodes. A store that is gone answers with nothing too, so that nothing is
+believed only when the store gives back something that it surely has, before and after.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import NamedTuple
+
+import zenoh
+
+from services.task.journal import RETRY_S, Journal
+from services.wire import skill
+from services.wire.codec import decode
+from services.wire.definition import Definition
+from services.wire.errors import ContractError
+from services.wire.keys import LATEST, SKILL
+from services.wire.messages import RunRecord
+from services.wire.service import Service
+from services.wire.skill import NamedSkill, SkillError
+
+
+class Chosen(NamedTuple):
+    """What a run shall begin with; None for nothing learnt."""
+
+    skill: NamedSkill | None
+
+
+class _Look(NamedTuple):
+    """What the store has as ``latest``."""
+
+    sha256: str | None
+    """Hash of the bytes there; None when nothing is, or nobody answered."""
+    skill: NamedSkill | None
+    """None also when what is there cannot be begun with."""
+
+
+_NOTHING = _Look(None, None)
+
+
+class Skills:
+    """Looks up the skill, and refuses those that do not fit the definition."""
+
+    def __init__(self, service: Service, definition: Definition) -> None:
+        self._service = service
+        self._definition = definition
+        self._last = _NOTHING
+        self.noticed = False
+        """Whether a change was announced since the store was asked; a reason to ask soon, no more."""
+        service.subscribe_raw(f"{SKILL}/{LATEST}", self._on_change)
+
+    def at_start(self, blank: RunRecord) -> Chosen | None:
+        """Wait for the store and return what to begin with; None only when stopped.
+
+        ``blank`` is the run that begins with nothing. Where the skill that shall be begun with does not fit, it is the
+        same as before: that of the run of this definition and seed which was worked on last.
+        """
+        service, journal = self._service, Journal(self._service, blank)
+        while not service.stopping:
+            look = self._look()
+            if look.skill is not None:
+                return Chosen(look.skill)
+            if look.sha256 is not None:
+                chosen = self._as_before(blank)
+                if chosen is not None:
+                    return chosen
+                service.phase = "waiting for store (no skill of the run that was worked on last)"
+                service.complain(service.phase)
+                service.work_until(lambda: False, RETRY_S)
+            elif journal.make_known() and self._look() == _NOTHING and journal.known():
+                return Chosen(None)
+        return None
+
+    def between_episodes(self, present: NamedSkill | None, journal: Journal) -> Chosen | None:
+        """Return what to begin with from now on, or None for no change; never waits.
+
+        ``present`` is what the present run began with, ``journal`` its journal.
+        """
+        self.noticed = False
+        look = self._look()
+        if look.skill is not None:
+            unchanged = present is not None and present.sha256 == look.sha256
+            return None if unchanged else Chosen(look.skill)
+        if present is None or look.sha256 is not None:
+            return None
+        surely = journal.known() and self._look() == _NOTHING and journal.known()
+        return Chosen(None) if surely else None
+
+    def _look(self) -> _Look:
+        samples = self._service.fetch_samples(f"{SKILL}/{LATEST}")
+        if not samples:
+            self._last = _NOTHING
+            return _NOTHING
+        payload = samples[0].payload.to_bytes()
+        sha256 = hashlib.sha256(payload).hexdigest()
+        if sha256 != self._last.sha256:
+            self._last = _Look(sha256, self._usable(payload, str(samples[0].encoding)))
+        return self._last
+
+    def _usable(self, payload: bytes, encoding: str) -> NamedSkill | None:
+        """Return the skill when a run can begin with it; else it is refused, and counted."""
+        try:
+            found = skill.decode(payload, encoding)
+            skill.fits(found.skill, self._definition)
+        except (ContractError, SkillError) as error:
+            self._service.refuse(error)
+            return None
+        return found
+
+    def _as_before(self, blank: RunRecord) -> Chosen | None:
+        """Return what the run that was worked on last began with; None when the store does not say."""
+        records: list[tuple[int, RunRecord]] = []
+        for sample in self._service.fetch_samples("journal/*/run", 10.0):
+            try:
+                record = decode(RunRecord, sample.payload.to_bytes(), str(sample.encoding))
+            except ContractError:
+                continue  # of another version
+            same = (record.definition_sha256, record.seed, record.contract_sha256)
+            if same == (blank.definition_sha256, blank.seed, blank.contract_sha256) and sample.timestamp is not None:
+                records.append((int(str(sample.timestamp.get_time_as_ntp64())), record))
+        if self._look() == _NOTHING:
+            return None
+        # The record is put whenever a run is taken up, so that the newest is that of the last one.
+        newest = max(records, key=lambda item: item[0], default=None)
+        sha256 = None if newest is None else newest[1].skill_sha256
+        if sha256 is None:
+            return Chosen(None)
+        stored = self._service.fetch_samples(f"{SKILL}/{sha256}", 10.0)
+        found = self._usable(stored[0].payload.to_bytes(), str(stored[0].encoding)) if stored else None
+        return None if found is None else Chosen(found)
+
+    def _on_change(self, sample: zenoh.Sample) -> None:
+        self._service.handled += 1
+        self.noticed = True
+        if sample.kind == zenoh.SampleKind.PUT:
+            skill.decode(sample.payload.to_bytes(), str(sample.encoding))  # the loop counts what is none

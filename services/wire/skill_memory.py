@@ -1,0 +1,76 @@
+"""What a skill's memories must look like, so that whoever passes one on knows that the workers can load it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from services.wire.definition import Art2Settings
+from services.wire.errors import BadPayloadError
+
+_ITEM_BYTES = 8
+_LARGEST_VALUE = 1e12
+_LARGEST_VERSION = 2**53
+_AGENT = ("actions", "q", "states", "version", "visits")
+_CLASSIFIER = ("counts", "inputs", "states", "weights")
+
+Memory = Mapping[str, bytes | int]
+
+
+def check_agent(memory: Memory, actions: int) -> int:
+    """Return the number of states in the table of a learner with so many actions. Raises BadPayloadError."""
+    _check_names(memory, _AGENT, "agent")
+    states, version = number(memory, "states"), number(memory, "version")
+    if number(memory, "actions") != actions:
+        raise BadPayloadError(f"skill: agent: expected {actions} actions, got {memory['actions']!r}")
+    q = np.frombuffer(_block(memory, "q", states * actions), "<f8").reshape(states, actions)
+    visits = np.frombuffer(_block(memory, "visits", states * actions), "<i8").reshape(states, actions)
+    if not (np.abs(q) <= _LARGEST_VALUE).all():
+        raise BadPayloadError(f"skill: agent: expected action values within {_LARGEST_VALUE:g}, got others")
+    if version > _LARGEST_VERSION or ((visits < 0) | (visits > version)).any() or int(visits.sum()) != version:
+        raise BadPayloadError(f"skill: agent: expected visits that add up to version {version}, got others")
+    if states > 0 and not visits[-1].any():
+        raise BadPayloadError(f"skill: agent: expected visits in the last of {states} states, got none")
+    return states
+
+
+def check_classifier(memory: Memory, settings: Art2Settings) -> int:
+    """Return the number of classes in the memory of a classifier with these settings. Raises BadPayloadError."""
+    _check_names(memory, _CLASSIFIER, "classifier")
+    states, inputs = number(memory, "states"), 6 if settings.encoding == "odd" else 12
+    if number(memory, "inputs") != inputs:
+        raise BadPayloadError(f"skill: classifier: expected {inputs} inputs, got {memory['inputs']!r}")
+    weights = np.frombuffer(_block(memory, "weights", states * inputs), "<f8").reshape(states, inputs)
+    counts = np.frombuffer(_block(memory, "counts", states), "<i8")
+    longest = 1 / (1 - settings.d)
+    with np.errstate(over="ignore", invalid="ignore"):
+        norms = np.sqrt((weights * weights).sum(axis=1))
+        sound = (norms > 0) & (norms <= longest * (1 + 1e-9))
+    if not sound.all():
+        raise BadPayloadError(f"skill: classifier: expected prototypes of a norm above 0 and up to {longest:g}")
+    if not (counts >= 1).all():
+        raise BadPayloadError("skill: classifier: expected at least one presentation of each class, got none of some")
+    return states
+
+
+def number(memory: Memory, name: str) -> int:
+    """Return a whole number of 0 or more from a memory. Raises BadPayloadError."""
+    value = memory.get(name)
+    if not isinstance(value, int) or value < 0:
+        raise BadPayloadError(f"skill: {name}: expected a whole number of 0 or more, got {type(value).__name__}")
+    return value
+
+
+def _check_names(memory: Memory, expected: tuple[str, ...], whose: str) -> None:
+    if tuple(sorted(memory)) != expected:
+        raise BadPayloadError(f"skill: {whose}: expected {', '.join(expected)}, got {', '.join(sorted(memory))[:100]}")
+
+
+def _block(memory: Memory, name: str, items: int) -> bytes:
+    """Return so many eight-byte items from a memory."""
+    value, size = memory[name], items * _ITEM_BYTES
+    if not isinstance(value, bytes) or len(value) != size:
+        got = f"{len(value)} bytes" if isinstance(value, bytes) else type(value).__name__
+        raise BadPayloadError(f"skill: {name}: expected {size} bytes, got {got}")
+    return value

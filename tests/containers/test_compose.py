@@ -1,0 +1,114 @@
+"""``docker compose up sim`` and its relatives, on a real engine."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeAlias
+
+import pytest
+
+EPISODES = 24
+"""More than there are between two checkpoints."""
+SERVICES = ("router", "store", "task", "classifier", "agent", "viewer", "sim")
+BASE = "debian:bookworm-slim"
+MOST_ABOVE_BASE = 250_000_000
+Docker: TypeAlias = Callable[..., str]
+
+
+def test_one_command_brings_up_a_cell_that_survives_and_resumes(
+    composition: Any, docker: Docker, reference: Callable[..., dict[str, str]], wait_until: Callable[..., None]
+) -> None:
+    def health(service: str) -> str:
+        return str(_state(docker, composition.containers(service)[0])["Health"]["Status"])
+
+    composition("up", "--detach", "sim", EPISODES=EPISODES, SEED=1)
+    wait_until("it learns", lambda: "return(10)" in composition.logs("sim"))
+    for service in ("agent", "classifier", "sim", "store", "router", "task"):
+        composition.kill(service)
+    assert composition.digests(EPISODES) == reference(EPISODES, 1)
+    assert f"episode {EPISODES}/{EPISODES}" in composition.logs("sim")
+    wait_until("all are healthy", lambda: all(health(name) == "healthy" for name in SERVICES))
+    containers = {name: composition.containers(name)[0] for name in SERVICES}
+    composition("stop")
+    for name, container in containers.items():
+        assert _state(docker, container)["ExitCode"] == 0, f"{name} had to be killed"
+    composition("down")
+    composition("up", "--detach", "sim", EPISODES=EPISODES + 6, SEED=1)
+    assert composition.digests(EPISODES + 6) == reference(EPISODES + 6, 1)
+    assert f"goes on with episode {EPISODES}" in composition.logs("task")
+
+
+def test_a_fleet_is_so_many_cells(composition: Any, reference: Callable[..., dict[str, str]]) -> None:
+    composition.profile = "fleet"
+    composition("up", "--detach", CELLS=2, EPISODES=6, SEED=3)
+    assert len(composition.containers("agent")) == 2
+    assert len(composition.containers("store")) == len(composition.containers("router")) == 1
+    for place in range(2):
+        assert composition.digests(6, str(place + 1)) == reference(6, 3 + place)
+
+
+def test_a_secured_cell_learns_the_same_and_shuts_strangers_out(
+    composition: Any, docker: Docker, reference: Callable[..., dict[str, str]], tmp_path: Path
+) -> None:
+    composition.profile, composition.certs = "secure", tmp_path / "certs"
+    composition.certs.mkdir()
+    composition("up", "--detach", EPISODES=8, SEED=2)
+    assert composition.digests(8) == reference(8, 2)
+    (agent,) = composition.containers("secure-agent")
+    seen = docker("exec", agent, "sh", "-c", "cd /certs && echo *").split()
+    assert seen == ["ca.pem", "cert.pem", "key.pem"], "no container sees another's key"
+    composition.certs = None
+    refused = composition.get("experiment")
+    assert (refused.returncode, refused.stdout) == (2, "")
+
+
+def test_containers_are_given_no_more_than_they_need(composition: Any, docker: Docker) -> None:
+    composition("up", "--detach", "sim", EPISODES=2)
+    for name in SERVICES:
+        (container,) = composition.containers(name)
+        (told,) = json.loads(docker("inspect", container))
+        assert told["Config"]["User"] == "10001:10001"
+        assert told["HostConfig"]["ReadonlyRootfs"] is True
+        assert told["HostConfig"]["CapDrop"] == ["ALL"]
+        assert told["HostConfig"]["RestartPolicy"]["Name"] == "unless-stopped"
+        assert told["Config"]["Healthcheck"]["Test"]
+
+
+@pytest.mark.parametrize("service", ["agent", "classifier"])
+def test_workers_are_small(docker: Docker, service: str) -> None:
+    sizes = [json.loads(docker("image", "inspect", image))[0]["Size"] for image in (f"treenail/{service}", BASE)]
+    assert sizes[0] - sizes[1] < MOST_ABOVE_BASE
+
+
+@pytest.mark.parametrize("service", SERVICES)
+def test_only_who_needs_it_carries_it(docker: Docker, service: str) -> None:
+    look = "import importlib.util as u; print(*(n for n in ('sapien', 'rerun', 'numba') if u.find_spec(n)))"
+    found = docker("run", "--rm", "--entrypoint", "python3", f"treenail/{service}", "-c", look).split()
+    assert found == {"sim": ["sapien"], "viewer": ["rerun"]}.get(service, [])
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (("--tmpfs", "/data:ro"), "Read-only file system"),
+        (("--tmpfs", "/data:size=8k,uid=10001"), "full"),
+    ],
+    ids=["read-only", "full"],
+)
+def test_a_volume_that_cannot_be_written_is_one_line(options: tuple[str, ...], expected: str) -> None:
+    command = ["docker", "run", "--rm", "--network", "none", *options, "treenail/store"]
+    done = subprocess.run(
+        [*command, "store", "--file", "/data/store.sqlite"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith("treenail store: store: ")
+    assert expected in line
+
+
+def _state(docker: Docker, container: str) -> dict[str, Any]:
+    state: dict[str, Any] = json.loads(docker("inspect", container))[0]["State"]
+    return state

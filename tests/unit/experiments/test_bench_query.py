@@ -1,0 +1,58 @@
+"""``bench query``: its report is that of the rounds, and it asks a real cell. No test looks at how long it took."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from experiments.bench import lines
+from experiments.bench_query import Case, Part, Round, report
+
+CASE = Case("chamfered-q-softmax", (), 3, 1, 50)
+QUIET = Part((), 300.0)
+
+
+def part(*latencies_ms: float, learnt_per_s: float = 290.0) -> Part:
+    return Part(latencies_ms, learnt_per_s)
+
+
+def test_a_report_has_the_figures_of_its_rounds() -> None:
+    rounds = [
+        Round(QUIET, part(1.0), part(*[1.0] * 99, 3.0), part(2.0, 2.0, 4.0)),
+        Round(QUIET._replace(learnt_per_s=320.0), part(1.0), part(1.0, 2.0, 3.0), part(2.0, 9.0, learnt_per_s=250.0)),
+    ]
+    found: Any = report(CASE, rounds)
+    assert found["learnt_per_s_without"] == {"median": 310.0, "min": 300.0, "max": 320.0}
+    assert found["by_state"]["queries"] == 103
+    assert found["by_state"]["p99_ms"] == {"median": 2.0, "min": 1.0, "max": 3.0}
+    assert found["by_state"]["max_ms"]["max"] == 3.0
+    assert found["by_ft"]["median_ms"] == {"median": 2.0, "min": 2.0, "max": 2.0}
+    assert found["by_ft"]["p99_ms"]["median"] == 6.5
+    assert found["by_ft"]["learnt_per_s"] == {"median": 270.0, "min": 250.0, "max": 290.0}
+    assert found["target_met"] is False
+    assert any("target_p99_ms" in line for line in lines(found))
+
+
+@pytest.mark.parametrize("slow", ["by_state", "by_ft"])
+def test_both_ways_of_asking_have_to_meet_the_target(slow: str) -> None:
+    good = Round(QUIET, part(9.0), part(4.9), part(4.9))
+    assert report(CASE, [good])["target_met"] is True, "the idle service is only for comparison"
+    assert report(CASE, [good._replace(**{slow: part(5.1)})])["target_met"] is False
+
+
+def test_it_asks_a_real_cell(run_module: Callable[..., Any]) -> None:
+    short = ("--set", "limits.move_limit=30", "--set", "start.height_mm=0.2")
+    process = run_module("experiments.bench", "query", "--rounds", "1", "--seconds", "1", "--json", *short)
+    assert process.end() == 0, process.err
+    assert process.err == ""
+    found = json.loads(process.out)["results"]
+    for kind in ("idle", "by_state", "by_ft"):
+        assert found[kind]["queries"] > 5
+        assert (
+            0 < found[kind]["median_ms"]["median"] <= found[kind]["p99_ms"]["median"] <= found[kind]["max_ms"]["median"]
+        )
+        assert found[kind]["learnt_per_s"]["median"] > 0
+    assert found["learnt_per_s_without"]["median"] > 0
