@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import signal
+import threading
 import time
 
 import zenoh
@@ -78,10 +80,10 @@ class Watch:
         self._prefix = cell.keys.of("")
         self._subscriber = cell.session.declare_subscriber(cell.keys.of("**"), zenoh.handlers.RingChannel(RING))
 
-    def read_for(self, seconds: float) -> None:
-        """Count what arrives in so many seconds."""
+    def read_for(self, seconds: float, stop: threading.Event | None = None) -> None:
+        """Count what arrives in so many seconds, or until ``stop`` is set."""
         deadline = time.monotonic() + seconds
-        while (left := deadline - time.monotonic()) > 0:
+        while (left := deadline - time.monotonic()) > 0 and not (stop and stop.is_set()):
             time.sleep(min(READ_EVERY_S, left))
             self._read()
 
@@ -133,15 +135,15 @@ def view(traffic: Traffic, cell: str, present: list[str], now_s: float) -> Group
 
 def _live(watch: Watch, live: Live) -> None:
     """Show the table until Ctrl-C, which is the way to end it."""
-    try:
-        with live:
-            while True:
-                watch.read_for(SHOW_EVERY_S)
-                now = time.monotonic()
-                live.update(view(watch.traffic, watch.cell.keys.cell, watch.cell.alive(), now), refresh=True)
-                watch.traffic.mark(now)
-    except KeyboardInterrupt:
-        return
+    stop = threading.Event()
+    # Raised as an exception it could come while somebody else's code runs that has no use for it, and be lost.
+    signal.signal(signal.SIGINT, lambda *_: stop.set())
+    with live:
+        while not stop.is_set():
+            watch.read_for(SHOW_EVERY_S, stop)
+            now = time.monotonic()
+            live.update(view(watch.traffic, watch.cell.keys.cell, watch.cell.alive(), now), refresh=True)
+            watch.traffic.mark(now)
 
 
 def _keys(traffic: Traffic, now_s: float) -> Table:

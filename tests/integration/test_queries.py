@@ -283,18 +283,24 @@ def test_top_is_live_in_a_terminal_until_ctrl_c(live: Any) -> None:
     process = subprocess.Popen(command, stdin=secondary, stdout=secondary, stderr=secondary)
     os.close(secondary)
     shown = b""
-    while b"heartbeat" not in shown:
-        shown += os.read(primary, 65536)
-    process.send_signal(signal.SIGINT)
-    while True:
-        try:
-            more = os.read(primary, 65536)
-        except OSError:  # the terminal is gone when the process is
-            break
-        if not more:
-            break
-        shown += more
-    os.close(primary)
-    assert process.wait(60) == 0
+    try:
+        while b"heartbeat" not in shown:
+            shown += os.read(primary, 65536)
+        process.send_signal(signal.SIGINT)
+        while more := _read(primary):
+            shown += more
+        assert process.wait(60) == 0
+    finally:
+        process.kill()
+        process.wait()
+        os.close(primary)
     assert b"Traceback" not in shown
     assert b"store" in shown
+
+
+def _read(terminal: int) -> bytes:
+    """Return what a terminal shows next; nothing when the process at its other end is gone."""
+    try:
+        return os.read(terminal, 65536)
+    except OSError:
+        return b""
