@@ -4,10 +4,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 ARGS ?=
 
-.PHONY: help setup sim test check lock docs clean
+.PHONY: help setup sim reproduce test check lock docs clean
 
 help:  ## show this
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
 setup: $(VENV)/ready  ## make .venv from the pinned requirements.lock
 
@@ -20,6 +20,9 @@ $(VENV)/ready: requirements.lock pyproject.toml
 
 sim: setup  ## a whole cell on this machine: watch a peg learn its hole; ARGS="--episodes 60 --seed 1"
 	@exec $(BIN)/treenail up sim $(ARGS)
+
+reproduce: setup  ## the thesis's tables and figures anew, as report/index.html; QUICK=1 for a rough one
+	@exec $(BIN)/treenail reproduce $(if $(QUICK),--quick) $(ARGS)
 
 check: setup  ## formatting, lint, types, import contracts
 	$(BIN)/ruff format --check .

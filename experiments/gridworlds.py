@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Literal
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,6 +58,20 @@ CLIFF = """
 MOVE_REWARD, GOAL_REWARD, FALL_REWARD = -1.0, 0.0, -100.0
 
 
+class World(Protocol):
+    """A world of numbered states in which the four moves are made."""
+
+    @property
+    def fell(self) -> bool:
+        """Whether the episode ended over the edge of a cliff."""
+
+    def reset(self) -> int:
+        """Begin an episode and return its first state."""
+
+    def step(self, action: int) -> tuple[int, float, bool]:
+        """Make one ``Move``; return the new state, the reward and whether the episode is over."""
+
+
 class GridWorld:
     """A world drawn as text: S start, G goal, # wall, x cliff, . free; all around it is wall.
 
@@ -87,6 +101,11 @@ class GridWorld:
     def square(self) -> str:
         """The kind of square the agent is on; ``x`` after a fall."""
         return self._squares[self._at]
+
+    @property
+    def fell(self) -> bool:
+        """Whether the agent went over the edge."""
+        return self.square == "x"
 
     def reset(self) -> int:
         """Put the agent on S and return its state."""
@@ -130,9 +149,7 @@ class Training:
     """Whether it ended over the edge of the cliff."""
 
 
-def train(
-    world: GridWorld, learner: Learner, episodes: int, start_episode: int = 0, step_limit: int = 1000
-) -> Training:
+def train(world: World, learner: Learner, episodes: int, start_episode: int = 0, step_limit: int = 1000) -> Training:
     """Let ``learner`` (of 4 actions) live through ``episodes`` episodes in ``world``, numbered from ``start_episode``.
 
     An episode is broken off after ``step_limit`` moves (the thesis's cliff: 1000); its last move is still learnt
@@ -154,11 +171,11 @@ def train(
             if ended:
                 learner.finish(previous)
                 break
-        falls[index] = world.square == "x"
+        falls[index] = world.fell
     return Training(returns, steps, falls)
 
 
-def greedy_path(world: GridWorld, learner: Learner, step_limit: int = 100) -> list[tuple[int, Move]]:
+def greedy_path(world: World, learner: Learner, step_limit: int = 100) -> list[tuple[int, Move]]:
     """Return the (state, move) pairs from S on when the best-valued action is always taken; learns nothing.
 
     Ends with the episode or after ``step_limit`` moves, which is how a policy that runs in circles shows.

@@ -16,6 +16,8 @@ from services.wire.definition_file import run_id
 from services.wire.errors import TreenailError
 from services.wire.messages import Action, EpisodeSummary, Observation
 
+_ERRORS = ("force_n", "torque_nm", "along_mm", "across_mm", "turn_deg")
+
 
 @dataclass(frozen=True)
 class Attempt:
@@ -40,14 +42,13 @@ class Rehearsal:
         """Build task and cell.
 
         Raises:
-            TreenailError: start or sensor is random, so that no sequence of moves has one result.
+            TreenailError: start, arm or sensor is random, so that no sequence of moves has one result.
         """
         start, noise = definition.start, definition.noise
         for name, spread in (
             ("start.xy_spread_mm", start.xy_spread_mm),
             ("start.tilt_spread_deg", start.tilt_spread_deg),
-            ("noise.force_n", noise.force_n),
-            ("noise.torque_nm", noise.torque_nm),
+            *((f"noise.{name}", noise.scale * getattr(noise, name)) for name in _ERRORS),
         ):
             if spread != 0.0:
                 raise TreenailError(f"oracle: {name}: expected 0, as the oracle plans for one start, got {spread}")

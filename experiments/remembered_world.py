@@ -3,6 +3,7 @@
 Physics is deterministic: from the same start pose the same motions give the same readings, bit for bit. A learnt policy
 makes the same motions in nearly every episode, so most of a long run is repetition; this world answers that from memory
 and lets physics catch up only when an episode leaves what is known. Results do not change, only the time they take.
+An arm with an error never makes the same motion twice: then there is nothing to remember, and nothing is.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ class RememberedWorld(World):
     def __init__(self, definition: Definition) -> None:
         """Build the world of a definition, remembering nothing yet."""
         super().__init__(definition)
+        noise = definition.noise
+        self._repeats = noise.scale * max(noise.along_mm, noise.across_mm, noise.turn_deg) == 0.0
         self._homes: dict[Pose, _Known] = {}
         self._remembered = 0
         self._made: list[Increment] = []
@@ -40,6 +43,8 @@ class RememberedWorld(World):
 
     def home(self, pose: Pose) -> Reading:
         """Begin an episode; see ``World.home``."""
+        if not self._repeats:
+            return super().home(pose)
         if self._remembered > MOST_REMEMBERED:
             self._homes.clear()
             self._remembered = 0
@@ -53,6 +58,8 @@ class RememberedWorld(World):
 
     def move(self, increment: Increment) -> Reading:
         """Make one motion; see ``World.move``."""
+        if not self._repeats:
+            return super().move(increment)
         known = self._here.following.get(increment) if self._behind else None
         if known is None:
             self._catch_up()

@@ -98,16 +98,21 @@ def steady_from(episodes: Sequence[EpisodeSummary]) -> int | None:
     at the latest, and one of less than 134 compares the last quarter with a window that it may lie in. When the last
     quarter's mean return is 0, only a window of mean 0 agrees with it.
     """
-    if len(episodes) < STEADY_EPISODES:
+    return steady_after([summary.episode_return for summary in episodes], [succeeded(summary) for summary in episodes])
+
+
+def steady_after(returns: Sequence[float], inserted: Sequence[bool]) -> int | None:
+    """Return ``steady_from`` of a run known by the return of each episode and whether the peg went in."""
+    if len(returns) < STEADY_EPISODES:
         return None
-    reference = _mean([summary.episode_return for summary in last_quarter(episodes)])
-    successes = sum(map(succeeded, episodes[:STEADY_EPISODES]))
-    for n in range(len(episodes) - STEADY_EPISODES + 1):
+    reference = _mean(returns[len(returns) - math.ceil(len(returns) / 4) :])
+    successes = sum(inserted[:STEADY_EPISODES])
+    for n in range(len(returns) - STEADY_EPISODES + 1):
         if n:
-            successes += succeeded(episodes[n + STEADY_EPISODES - 1]) - succeeded(episodes[n - 1])
+            successes += inserted[n + STEADY_EPISODES - 1] - inserted[n - 1]
         if successes < STEADY_SUCCESSES:
             continue
-        mean = _mean([summary.episode_return for summary in episodes[n : n + STEADY_EPISODES]])
+        mean = _mean(returns[n : n + STEADY_EPISODES])
         if abs(mean - reference) <= STEADY_TOLERANCE * abs(reference):
             return n
     return None

@@ -36,6 +36,7 @@ COMMANDS = {
 STUDIES = {
     "experiment": ("experiments", "run an experiment in one process, without Zenoh"),
     "bench": ("experiments.bench", "measure speed on this machine"),
+    "reproduce": ("experiments.reproduce", "compute the thesis's tables and figures anew, as one page"),
     "oracle": ("experiments.oracle", "search the best insertion with full knowledge of the pose"),
 }
 

@@ -1,4 +1,4 @@
-"""The simulated cell: the contact world behind the messages of a robot and a sensor, with noise, clock and guard.
+"""The simulated cell: the contact world behind the messages of a robot and a sensor, with errors, clock and guard.
 
 What a motion gives depends on the definition, the seed, the episode's start pose and its motions so far, and on
 nothing else: a cell that was killed is brought back by the same ``home`` and the same motions.
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 
+from services.sim.arm import Arm
 from services.sim.guard import Guard
 from services.sim.pose import Pose
 from services.sim.world import Reading, World
@@ -45,7 +46,9 @@ class SimulatedCell:
 
     def __init__(self, definition: Definition, run: str, seed: int, world: World | None = None) -> None:
         self.world = World(definition) if world is None else world
-        self._noise = definition.noise
+        noise = definition.noise
+        self._force_error_n, self._torque_error_nm = noise.scale * noise.force_n, noise.scale * noise.torque_nm
+        self._arm = Arm(noise, seed)
         self._guard = Guard(definition)
         self._run = run
         self._seed = seed
@@ -53,14 +56,19 @@ class SimulatedCell:
         self._answer: tuple[Moved, FtPacket] | None = None
 
     def home(self, home: Home) -> tuple[Moved, FtPacket]:
-        """Put the peg at the start pose of an episode; may be called at any time. Raises OtherRunError."""
+        """Put the peg at the start pose of an episode, to the arm's error; may be called at any time.
+
+        Raises OtherRunError.
+        """
         self._check_run(home.run)
         pose = Pose.from_tilt(home.x_mm, home.y_mm, home.z_mm, home.rx_deg, home.ry_deg, home.rz_deg)
-        reading = self.world.home(pose)
+        reading = self.world.home(pose.moved(self._arm.executed(Increment(), home.episode, 0)))
         return self._remember(home, self._felt(home.episode, 0, Increment(), reading))
 
     def move(self, move: Move) -> tuple[Moved, FtPacket]:
         """Make the next motion, or answer the last one again.
+
+        The answer is the motion as the arm believes it was made; its true error shows only in the forces.
 
         Raises OutOfOrderError for any other step, GuardError for a motion beyond the limits, OtherRunError for
         another run; nothing moves then.
@@ -76,7 +84,7 @@ class SimulatedCell:
         if complaint is not None:
             raise GuardError(complaint)
         increment = Increment(move.dx_mm, move.dy_mm, move.dz_mm, move.rx_deg, move.ry_deg, move.rz_deg)
-        reading = self.world.move(increment)
+        reading = self.world.move(self._arm.executed(increment, move.episode, move.step))
         return self._remember(move, self._felt(move.episode, move.step, increment, reading))
 
     def _check_run(self, run: str) -> None:
@@ -94,10 +102,10 @@ class SimulatedCell:
         return moved, FtPacket(sequence=number, t_ns=number * MOTION_NS, force_n=(force_n,), torque_nm=(torque_nm,))
 
     def _sense(self, reading: Reading, episode: int, step: int) -> tuple[Force, Torque]:
-        noise = self._noise
-        if noise.force_n == 0.0 and noise.torque_nm == 0.0:
+        force_error_n, torque_error_nm = self._force_error_n, self._torque_error_nm
+        if force_error_n == 0.0 and torque_error_nm == 0.0:
             return reading.force_n, reading.torque_nm
         draw = generator(self._seed, Role.SENSOR_NOISE, episode, step).standard_normal(6).tolist()
-        fx, fy, fz = (value + noise.force_n * z for value, z in zip(reading.force_n, draw[:3], strict=True))
-        tx, ty, tz = (value + noise.torque_nm * z for value, z in zip(reading.torque_nm, draw[3:], strict=True))
+        fx, fy, fz = (value + force_error_n * z for value, z in zip(reading.force_n, draw[:3], strict=True))
+        tx, ty, tz = (value + torque_error_nm * z for value, z in zip(reading.torque_nm, draw[3:], strict=True))
         return (fx, fy, fz), (tx, ty, tz)

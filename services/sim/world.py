@@ -57,15 +57,25 @@ RESPONSE_PER_S = 400.0
 
 A settled reading hardly depends on it. It is chosen so that the spring settles well within the time steps above.
 """
+BALANCE_MM = 40.0
+"""Most that the peg's centre of mass is behind its tip.
+
+A settled reading does not depend on it either, but the solver does: with the mass far back all contacts have nearly
+the same lever, and a jammed square peg was left 0.05 mm deep in the wall (docs/decisions/0007).
+"""
+DAMPING = 1.5
+"""Damping of the spring where the sensor is, as a part of critical; the peg's sideways swing is slower and has less."""
 SLERP_FACTOR = 4.0
 """PhysX's rotational drive works on the imaginary part of the quaternion, half the angle, and with half the lever: a
 quarter of the stiffness asked for. Measured with known torques; ``test_torque_is_lever_times_force`` watches it.
 """
-SOLVER_ITERATIONS = 60
+SOLVER_ITERATIONS = {"round": 30, "square": 60}
+"""A jammed square peg has eight contacts at once; a round one settles as well with 30 as with 60."""
 CONTACT_OFFSET_MM = 0.03
 """Distance at which PhysX begins to watch two surfaces; a greater one costs time and changes nothing."""
 SILENT_N = 0.002
-"""A settled load below this is what the solver leaves of no contact at all: the reading is zero."""
+SILENT_NM = 0.0002
+"""A settled load below both is what the solver leaves of no contact at all: the reading is zero."""
 
 
 class Reading(NamedTuple):
@@ -103,7 +113,7 @@ class World:
 
     @property
     def flange(self) -> Pose:
-        """Commanded pose of the tip in the hole frame: where it is unless something pushes."""
+        """Pose in the hole frame at which the flange holds the tip: where it is unless something pushes."""
         if self._flange is None:
             raise RuntimeError("world: expected home() before anything else, got none")
         return self._flange
@@ -163,7 +173,7 @@ class World:
         self._settle()
         self._flange = target
         force, torque = self._load()
-        self._at_flange = math.hypot(*force) < SILENT_N
+        self._at_flange = math.hypot(*force) < SILENT_N and math.hypot(*torque) < SILENT_NM
         return NO_LOAD if self._at_flange else Reading(force, torque)
 
     def _place(self, pose: Pose) -> None:
@@ -254,14 +264,19 @@ def _build(
         cpu_workers=0,
     )
     physx.set_body_config(
-        solver_position_iterations=SOLVER_ITERATIONS, solver_velocity_iterations=1, sleep_threshold=0.0
+        solver_position_iterations=SOLVER_ITERATIONS[definition.parts.shape],
+        solver_velocity_iterations=1,
+        sleep_threshold=0.0,
     )
     physx.set_shape_config(contact_offset=CONTACT_OFFSET_MM, rest_offset=0.0)
     system = physx.PhysxCpuSystem()
     scene = sapien.Scene([system])
     scene.set_timestep(STEP_S)
     friction = definition.contact.friction
-    material = physx.PhysxMaterial(friction, friction, 0.0)
+    # PhysX takes a negative restitution for a spring [mN/mm] at every contact point. Where two surfaces meet it takes
+    # their mean, so both get the spring of the peg's surface.
+    spring = -1e3 * definition.contact.stiffness_n_per_mm if definition.contact.stiffness_n_per_mm else 0.0
+    material = physx.PhysxMaterial(friction, friction, spring)
 
     hole = physx.PhysxRigidStaticComponent()
     for piece in hole_pieces(geometry):
@@ -277,18 +292,19 @@ def _build(
     body.set_mass(stiffness / RESPONSE_PER_S**2)
     body.set_inertia(np.full(3, stiffness_turn / RESPONSE_PER_S**2, dtype=np.float32))
     anchor = sapien.Pose([0.0, 0.0, -definition.wrist.sensor_height_mm])
-    body.set_cmass_local_pose(anchor)
+    body.set_cmass_local_pose(sapien.Pose([0.0, 0.0, -min(BALANCE_MM, definition.wrist.sensor_height_mm)]))
     body.set_linear_damping(0.0)
     body.set_angular_damping(0.0)
     entity = sapien.Entity()
     entity.add_component(body)
     drive = physx.PhysxDriveComponent(body)
     drive.set_pose_in_child(anchor)
-    damping = 2.0 * stiffness / RESPONSE_PER_S
+    damping_s = DAMPING * 2.0 / RESPONSE_PER_S
+    damping, damping_turn = damping_s * stiffness, damping_s * stiffness_turn
     drive.set_drive_property_x(stiffness, damping)
     drive.set_drive_property_y(stiffness, damping)
     drive.set_drive_property_z(stiffness, damping)
-    drive.set_drive_property_slerp(SLERP_FACTOR * stiffness_turn, SLERP_FACTOR * 2.0 * stiffness_turn / RESPONSE_PER_S)
+    drive.set_drive_property_slerp(SLERP_FACTOR * stiffness_turn, SLERP_FACTOR * damping_turn)
     entity.add_component(drive)
     scene.add_entity(entity)
     return scene, system, body, drive

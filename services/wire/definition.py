@@ -47,6 +47,8 @@ class Contact(_Checked, frozen=True, kw_only=True):
 
     friction: Annotated[float, Meta(ge=0, le=2)] = 0.3
     """Coulomb friction coefficient, static and dynamic."""
+    stiffness_n_per_mm: Annotated[float, Meta(ge=0, le=10000)] = 0.0
+    """How stiff the peg's surface is at each point that touches; 0 for a rigid one (docs/decisions/0007)."""
 
 
 class Wrist(_Checked, frozen=True, kw_only=True):
@@ -61,12 +63,20 @@ class Wrist(_Checked, frozen=True, kw_only=True):
 
 
 class Noise(_Checked, frozen=True, kw_only=True):
-    """Sensor noise of the simulated cell: zero-mean Gaussian per component, drawn from counter-based generators."""
+    """Errors of the simulated cell: zero-mean Gaussian, drawn from counter-based generators (docs/decisions/0006)."""
 
+    scale: Annotated[float, Meta(ge=0, le=10)] = 1.0
+    """Factor on all that follows; 0 switches all noise off."""
     force_n: Annotated[float, Meta(ge=0, le=10)] = 0.0
-    """Standard deviation of each force component."""
+    """Standard deviation of each force component that the sensor reads."""
     torque_nm: Annotated[float, Meta(ge=0, le=10)] = 0.0
-    """Standard deviation of each torque component."""
+    """Standard deviation of each torque component that the sensor reads."""
+    along_mm: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    """Standard deviation of where the arm ends, along an axis that a motion is commanded on."""
+    across_mm: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    """The same along each axis that the motion is not commanded on."""
+    turn_deg: Annotated[float, Meta(ge=0, le=1)] = 0.0
+    """Standard deviation of the arm's rotation about each axis in a motion; not in the thesis."""
 
 
 class Start(_Checked, frozen=True, kw_only=True):

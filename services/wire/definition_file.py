@@ -26,6 +26,8 @@ _KEY = re.compile(r"^\s*([A-Za-z0-9_.]+)\s*=")
 _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<path>[^`]*)`)?$", re.DOTALL)
 _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
 _MAX_FILE_BYTES = 1_000_000
+_SOFTEST_N_PER_MM = 1.0
+"""A peg softer than this sinks into the material instead of touching it."""
 
 
 def shipped() -> dict[str, Path]:
@@ -114,6 +116,9 @@ def _check_together(definition: Definition, places: Mapping[str, str], source: s
     """Check what no single field can show."""
     parts, limits, classifier = definition.parts, definition.limits, definition.classifier
     inputs = 6 if classifier.encoding == "odd" else 12
+    height_mm, dip_mm = definition.start.height_mm, _dip_mm(definition)
+    room_mm = parts.clearance_mm + parts.chamfer_mm - max(0.0, dip_mm - height_mm)
+    stiffness = definition.contact.stiffness_n_per_mm
     rules = (
         (
             limits.contact_force_n < limits.collision_force_n,
@@ -135,10 +140,40 @@ def _check_together(definition: Definition, places: Mapping[str, str], source: s
             "parts.clearance_mm",
             f"expected less than parts.peg_width_mm = {parts.peg_width_mm}, got {parts.clearance_mm}",
         ),
+        (
+            dip_mm < height_mm or _aside_mm(definition) < room_mm,
+            "start.height_mm",
+            f"expected more than {dip_mm:.3f}, or the tilted tip starts inside the material, got {height_mm}",
+        ),
+        (
+            stiffness == 0.0 or stiffness >= _SOFTEST_N_PER_MM,
+            "contact.stiffness_n_per_mm",
+            f"expected 0 for a rigid peg or at least {_SOFTEST_N_PER_MM}, got {stiffness}",
+        ),
     )
     for holds, key, complaint in rules:
         if not holds:
             raise DefinitionError(f"{_place(key, places, source)}: {key}: {complaint}")
+
+
+def _dip_mm(definition: Definition) -> float:
+    """Return how far the edge of the most tilted tip that an episode may start with is below the tip's centre."""
+    parts, start = definition.parts, definition.start
+    rx = math.radians(abs(start.rx_deg) + start.tilt_spread_deg)
+    ry = math.radians(abs(start.ry_deg) + start.tilt_spread_deg)
+    slope_x, slope_y = math.sin(ry), math.cos(ry) * math.sin(rx)
+    reach = math.hypot(slope_x, slope_y) if parts.shape == "round" else slope_x + slope_y
+    return parts.peg_width_mm / 2 * reach
+
+
+def _aside_mm(definition: Definition) -> float:
+    """Return how far the tip that an episode starts with can reach beyond a centred one, across the hole."""
+    parts, start = definition.parts, definition.start
+    x_mm, y_mm = abs(start.x_mm) + start.xy_spread_mm, abs(start.y_mm) + start.xy_spread_mm
+    if parts.shape == "round":
+        return math.hypot(x_mm, y_mm)
+    turn = math.radians(abs(start.rz_deg) + start.tilt_spread_deg)
+    return max(x_mm, y_mm) + parts.peg_width_mm / 2 * (math.cos(turn) + math.sin(turn) - 1.0)
 
 
 def _apply(fields: dict[str, object], override: str) -> str:

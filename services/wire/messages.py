@@ -182,7 +182,7 @@ class EpisodeSummary(Message, frozen=True, kw_only=True):
 class Experiment(Message, frozen=True, kw_only=True):
     """Reply to ``experiment``: what runs, and how far it is."""
 
-    VERSION: ClassVar[int] = 2
+    VERSION: ClassVar[int] = 3
 
     run: RunId
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
@@ -259,7 +259,7 @@ class Classified(Message, frozen=True, kw_only=True):
 class RunRecord(Message, frozen=True, kw_only=True):
     """``journal/<run>/run``: what the run is; its presence proves that the store knows the run."""
 
-    VERSION: ClassVar[int] = 2
+    VERSION: ClassVar[int] = 3
 
     run: RunId
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
@@ -308,6 +308,8 @@ class Skill(Message, frozen=True, kw_only=True):
 
     It is named by the SHA-256 of its encoded bytes.
     """
+
+    VERSION: ClassVar[int] = 2
 
     run: RunId
     """Where it was learnt."""

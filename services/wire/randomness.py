@@ -15,6 +15,7 @@ class Role(IntEnum):
     START_POSE = 1
     SENSOR_NOISE = 2
     POLICY = 3
+    ARM_ERROR = 4
 
 
 def generator(seed: int, role: Role, episode: int, step: int) -> np.random.Generator:

@@ -307,7 +307,9 @@ def test_results_of_another_task_are_refused(
 ) -> None:
     learnt = learnt_folder(tmp_path, easy)
     assert oracle.main([str(easy_file), "--set", "contact.friction=0.1", "--learnt", str(learnt)]) == 2
-    assert "contact: expected Contact(friction=0.1), got Contact(friction=0.3)" in capsys.readouterr().err
+    complaint = capsys.readouterr().err
+    assert "contact: expected Contact(friction=0.1, " in complaint
+    assert "got Contact(friction=0.3, " in complaint
 
 
 def test_decisions_are_written_shortly() -> None:

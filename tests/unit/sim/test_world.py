@@ -8,10 +8,12 @@ import subprocess
 import sys
 
 import pytest
+from msgspec.structs import replace
 
-from services.sim.geometry import ROUND_SIDES
-from services.sim.pose import Increment, Pose, Vector
+from services.sim.geometry import ROUND_SIDES, geometry_of, peg_vertices
+from services.sim.pose import Pose, Vector, conjugate, rotate
 from services.sim.world import NO_LOAD, Reading, World
+from services.wire.actions import Increment
 from services.wire.definition import Contact, Definition, Parts, Wrist
 
 START = Pose.from_tilt(1.6, -2.2, -1.0, 1.8, 0.4, 0.0)
@@ -25,6 +27,7 @@ ACTIONS = [
 DEFAULT = Definition(name="default", parts=Parts(clearance_mm=0.25))
 SQUARE = Definition(name="square", parts=Parts(shape="square", clearance_mm=0.1, peg_height_mm=13.3))
 CHAMFERLESS = Definition(name="chamferless", parts=Parts(chamfer_mm=0.0))
+RUBBER = Definition(name="rubber", contact=Contact(friction=0.8, stiffness_n_per_mm=10.0))
 
 
 def size(vector: Vector) -> float:
@@ -55,7 +58,7 @@ def press(world: World, start: Pose, moves: int) -> Reading:
     return drive(world, start, [DOWN] * moves)[-1]
 
 
-@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, CHAMFERLESS], ids=lambda d: d.name)
+@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, CHAMFERLESS, RUBBER], ids=lambda d: d.name)
 def test_a_straight_peg_goes_in_without_any_force(definition: Definition) -> None:
     world = World(definition)
     readings = drive(world, Pose(0.0, 0.0, -1.0), [DOWN] * 78)
@@ -121,10 +124,10 @@ def test_tilted_and_off_centre_the_force_points_back_to_the_centre() -> None:
 
 
 def assert_same_force(force: Vector, expected: Vector) -> None:
-    """Equal in size to 3 % or 0.02 N; in direction to the facets of the polygons that stand for circles."""
+    """Equal in size to 6 %, as far as friction lets it settle, in direction to the facets that stand for circles."""
     assert size(expected) > 0.5
-    assert size(force) == pytest.approx(size(expected), rel=0.03, abs=0.02)
-    assert force[2] == pytest.approx(expected[2], rel=0.03, abs=0.02)
+    assert size(force) == pytest.approx(size(expected), rel=0.06, abs=0.02)
+    assert force[2] == pytest.approx(expected[2], abs=0.06 * size(expected))
     angle = math.atan2(force[1], force[0]) - math.atan2(expected[1], expected[0])
     assert abs(math.degrees(math.remainder(angle, 2.0 * math.pi))) < 1.5 * FACET_DEG
 
@@ -153,7 +156,7 @@ def test_pushing_on_and_on_collides() -> None:
     assert max(sizes) >= 10.0
 
 
-@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, CHAMFERLESS], ids=lambda d: d.name)
+@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, CHAMFERLESS, RUBBER], ids=lambda d: d.name)
 def test_a_resting_reading_stays_put(definition: Definition) -> None:
     world = World(definition)
     changes: list[float] = []
@@ -196,7 +199,7 @@ def test_following_the_force_finds_the_hole_gently() -> None:
     assert greatest < 4.0
 
 
-@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, CHAMFERLESS], ids=lambda d: d.name)
+@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, CHAMFERLESS, RUBBER], ids=lambda d: d.name)
 def test_an_episode_depends_on_nothing_before_it(definition: Definition) -> None:
     first = bits(wander(World(definition), START, 1))
     used = World(definition)
@@ -219,7 +222,7 @@ def test_another_process_feels_the_same_to_the_bit() -> None:
     assert done.stdout.split() == bits(wander(World(DEFAULT), START, 7))
 
 
-@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, CHAMFERLESS], ids=lambda d: d.name)
+@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, CHAMFERLESS, RUBBER], ids=lambda d: d.name)
 def test_the_shortcut_agrees_with_full_physics(definition: Definition) -> None:
     quick, full = World(definition), World(definition, _always_physics=True)
     for start in (START, Pose.from_tilt(0.05, -0.05, -0.6, 0.1, 0.1, 0.0)):
@@ -247,3 +250,98 @@ def test_what_is_not_finite_is_refused_and_moves_nothing(bad: float) -> None:
 def test_before_home_there_is_no_pose() -> None:
     with pytest.raises(RuntimeError, match="expected home"):
         World(DEFAULT).move(DOWN)
+
+
+# -- square and rubber: forces that can be worked out by hand -----------------------------------------------------
+
+SLIPPERY_SQUARE = Definition(
+    name="slippery-square",
+    parts=Parts(shape="square", clearance_mm=0.2, peg_height_mm=13.3),
+    contact=Contact(friction=0.0),
+)
+
+
+def soft(definition: Definition, stiffness_n_per_mm: float) -> Definition:
+    return replace(definition, contact=Contact(friction=0.0, stiffness_n_per_mm=stiffness_n_per_mm))
+
+
+@pytest.mark.parametrize("stiffness", [0.0, 5.0, 10.0, 40.0])
+def test_a_corner_on_the_flat_top_is_springs_in_series(stiffness: float) -> None:
+    """Tilted by 10 and 10 degrees, one corner of a square tip touches: the wrist's springs and the peg's surface."""
+    definition = soft(SLIPPERY_SQUARE, stiffness)
+    tilted = Pose.from_tilt(0.0, 50.0, 0.0, 10.0, 10.0)
+    corner = (-12.4, 12.4, 0.0)
+    above = tilted._replace(z_mm=-rotate(tilted.orientation, corner)[2] - 0.05)
+    world = World(definition)
+    assert world.home(above) == NO_LOAD
+    down = rotate(conjugate(tilted.orientation), (0.0, 0.0, 0.1))
+    for _ in range(4):
+        reading = world.move(Increment(*down))
+    pressed = 4 * 0.1 - 0.05
+    # Seen from the corner, a force along the hole's Z axis shifts the wrist and turns it about its anchor.
+    lever = rotate(tilted.orientation, (corner[0], corner[1], 130.0))
+    turning_mm_per_n = (lever[0] ** 2 + lever[1] ** 2) / 60_000.0
+    surface_mm_per_n = 1.0 / stiffness if stiffness else 0.0
+    expected = pressed / (1.0 / 15.0 + turning_mm_per_n + surface_mm_per_n)
+    across_x, across_y, along = rotate(tilted.orientation, reading.force_n)
+    assert along == pytest.approx(-expected, rel=0.02)
+    assert math.hypot(across_x, across_y) < 0.01
+    # The torque about the sensor is the lever times the force.
+    torque = rotate(tilted.orientation, reading.torque_nm)
+    assert torque[0] == pytest.approx(1e-3 * lever[1] * along, rel=0.03, abs=0.001)
+    assert torque[1] == pytest.approx(-1e-3 * lever[0] * along, rel=0.03, abs=0.001)
+
+
+def test_a_square_peg_on_its_chamfer_is_pushed_across_as_much_as_along() -> None:
+    reading = press(World(SLIPPERY_SQUARE), Pose(1.0, 0.0, 1.9), 5)
+    force, torque = reading.force_n, reading.torque_nm
+    assert force[0] < -0.5
+    assert force[0] / force[2] == pytest.approx(1.0, abs=0.1)
+    assert abs(force[1]) < 0.02
+    # A whole edge rests on the face, its middle 12.4 mm from the axis and 130 mm below the sensor: T = r x F.
+    assert torque[1] == pytest.approx(0.130 * force[0] - 0.0124 * force[2], abs=0.005)
+    assert abs(torque[0]) < 0.01
+
+
+@pytest.mark.parametrize("stiffness", [0.0, 10.0])
+def test_a_square_peg_turned_in_its_hole_feels_a_torque_about_its_axis(stiffness: float) -> None:
+    """All four corners touch once half the peg's width times (cos + sin) of the angle is half the hole's: 0.934 deg."""
+    world = World(soft(SLIPPERY_SQUARE, stiffness))
+    world.home(Pose.from_tilt(0.0, 0.0, 6.0, 0.0, 0.0, 0.8))
+    assert world.move(Increment(rz_deg=0.1)) == NO_LOAD
+    for _ in range(4):
+        reading = world.move(Increment(rz_deg=0.1))
+    excess = math.radians(1.3 - 0.934)
+    # Each side line touches in two points, 12.2 mm from the axis: eight springs in parallel, in series with the wrist.
+    surface = 8.0 * stiffness * 12.2**2 * 1e-3
+    turning = 60.0 * surface / (60.0 + surface) if stiffness else 60.0
+    assert reading.torque_nm[2] == pytest.approx(-turning * excess, rel=0.12)
+    assert size(reading.force_n) < 0.05
+    assert math.hypot(*reading.torque_nm[:2]) < 0.01
+    assert world.contact_state() != "free"
+
+
+@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, CHAMFERLESS], ids=lambda d: d.name)
+def test_a_rigid_peg_does_not_sink_into_the_material(definition: Definition) -> None:
+    world, geometry = World(definition), geometry_of(definition.parts)
+    source = random.Random(3)
+    reading, pressed = world.home(START), 0
+    for _ in range(150):
+        force = size(reading.force_n)
+        reading = world.move(DOWN if force < 0.3 else UP if force > 5.0 else source.choice(ACTIONS))
+        if size(reading.force_n) > 0.3:
+            pressed += 1
+            corners = [rotate(world.peg.orientation, tuple(corner)) for corner in peg_vertices(geometry).tolist()]
+            for x, y, z in corners:
+                x, y, z = x + world.peg.x_mm, y + world.peg.y_mm, z + world.peg.z_mm
+                inside = geometry.wall(max(z, 0.0)) / math.cos(math.pi / geometry.sides if geometry.is_round else 0.0)
+                reach = math.hypot(x, y) if geometry.is_round else max(abs(x), abs(y))
+                assert z < 0.02 or reach < inside + 0.03
+    assert pressed > 50
+
+
+def test_a_soft_peg_of_the_same_friction_feels_less() -> None:
+    rigid, rubber = World(soft(DEFAULT, 0.0)), World(soft(DEFAULT, 10.0))
+    start = Pose.from_tilt(1.0, 0.0, 0.9, 0.0, -1.8, 0.0)
+    hard, gentle = press(rigid, start, 6), press(rubber, start, 6)
+    assert 0.3 < size(gentle.force_n) < 0.95 * size(hard.force_n)

@@ -21,6 +21,7 @@ from services.wire.definition import (
     Greedy,
     InsertionReward,
     Moves,
+    Noise,
     Softmax,
     Start,
 )
@@ -61,6 +62,12 @@ def test_a_shipped_definition_loads_under_its_own_name(name: str) -> None:
     assert definition.source
     assert definition.title
     Art2(definition.classifier)
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_a_shipped_definition_has_noise_and_one_key_switches_it_off(name: str) -> None:
+    assert load(name).noise == Noise(force_n=0.04, torque_nm=0.0027, along_mm=0.025, across_mm=0.021)
+    assert load(name, ["noise.scale=0"]).noise.scale == 0.0
 
 
 def test_shipped_definitions_are_all_different() -> None:
@@ -159,6 +166,33 @@ WRONG = [
         "parts.clearance_mm: expected less than parts.peg_width_mm = 2.0, got 2.0",
     ),
     (
+        'name = "mine"\n[start]\nheight_mm = 0.3\nx_mm = 3.0\n',
+        3,
+        "start.height_mm: expected more than 0.399, or the tilted tip starts inside the material, got 0.3",
+    ),
+    (
+        'name = "mine"\n[start]\nheight_mm = 0.45\nx_mm = 3.4\nrz_deg = 1.0\n[parts]\nshape = "square"\n',
+        3,
+        "start.height_mm: expected more than 0.476, or the tilted tip starts inside the material, got 0.45",
+    ),
+    (
+        'name = "mine"\n[start]\ntilt_spread_deg = 5.0\n[parts]\nchamfer_mm = 0.0\n',
+        2,
+        "start.height_mm: expected more than 1.870, or the tilted tip starts inside the material, got 1.0",
+    ),
+    (
+        'name = "mine"\n[contact]\nstiffness_n_per_mm = 0.2\n',
+        3,
+        "contact.stiffness_n_per_mm: expected 0 for a rigid peg or at least 1.0, got 0.2",
+    ),
+    ('name = "mine"\n[parts]\nclearance_mm = -0.1\n', 3, "parts.clearance_mm: expected `float` > 0.0, got -0.1"),
+    ('name = "mine"\n[parts]\nclearance_mm = 0.0\n', 3, "parts.clearance_mm: expected `float` > 0.0, got 0.0"),
+    ('name = "mine"\n[start]\nheight_mm = -1.0\n', 3, "start.height_mm: expected `float` > 0.0, got -1.0"),
+    ('name = "mine"\n[moves]\nlateral_mm = 0\n', 3, "moves.lateral_mm: expected `float` > 0.0, got 0"),
+    ('name = "mine"\n[moves]\ninsertion_mm = 0.0\n', 3, "moves.insertion_mm: expected `float` > 0.0, got 0.0"),
+    ('name = "mine"\n[moves]\nrotation_deg = -0.1\n', 3, "moves.rotation_deg: expected `float` > 0.0, got -0.1"),
+    ('name = "mine"\n[noise]\nalong_mm = -0.1\n', 3, "noise.along_mm: expected `float` >= 0.0, got -0.1"),
+    (
         'name = "mine"\n[limits]\ncollision_force_n = 30.0\n',
         2,
         "limits.hard_force_n: expected more than limits.collision_force_n = 30.0, got 20.0",
@@ -190,6 +224,11 @@ def test_a_theta_that_would_silence_the_classifier_is_refused(encoding: str, inp
     message = refusal("chamfered-q-softmax", f"classifier.theta={silent}", f"classifier.encoding={encoding}")
     assert "classifier.theta" in message
     load("chamfered-q-softmax", [f"classifier.theta={silent - 0.01}", f"classifier.encoding={encoding}"])
+
+
+def test_a_tilted_tip_may_start_over_the_opening_though_its_edge_is_below_the_mouth(write: Write) -> None:
+    assert load(write('name = "mine"\n[start]\nheight_mm = 0.3\nx_mm = 2.0\n')).start.height_mm == 0.3
+    assert load(write('name = "mine"\nparts.shape = "square"\nstart.height_mm = 0.45\n')).start.height_mm == 0.45
 
 
 # -- overrides -----------------------------------------------------------------------------------------------------

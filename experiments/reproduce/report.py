@@ -1,0 +1,124 @@
+"""Makes the report: looks at what was asked for, runs the sections one after the other, writes the page."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+from experiments.bench_values import cpu_name
+from experiments.reproduce import page, progress
+from experiments.reproduce.cache import Cache
+from experiments.reproduce.chapter import CannotRun, Section
+from experiments.reproduce.context import Context
+from experiments.reproduce.page import Done
+from experiments.reproduce.sections import SECTIONS
+from experiments.run import usable_cores
+from services.wire.codec import contract_sha256
+from services.wire.errors import TreenailError
+from services.wire.version import version
+
+TITLE = "Treenail: the thesis reproduced"
+INDEX, CACHE = "index.html", "cache"
+
+
+class ReportError(TreenailError):
+    """The report cannot be made as asked."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What was asked for."""
+
+    quick: bool
+    seeds: tuple[int, ...]
+    only: Sequence[str] | None
+    """Names of sections; None for all."""
+    out: Path
+    data: Path | None
+    jobs: int | None
+    """Processes at a time; None for one per core."""
+
+
+def make(wanted: Wanted, sections: Sequence[Section] = SECTIONS) -> Path:
+    """Run the sections, write the page into ``wanted.out`` and return its path.
+
+    Raises ReportError when it cannot be made as asked and whatever TreenailError a section ends with; a section
+    that lacks something (CannotRun) only says so on the page.
+    """
+    unknown = sorted(set(wanted.only or ()) - {section.name for section in sections})
+    if unknown:
+        known = ", ".join(section.name for section in sections)
+        raise ReportError(f"--only: expected one or more of {known}, got {', '.join(unknown)}")
+    if wanted.data is not None and not wanted.data.is_dir():
+        raise ReportError(f"--data: expected a folder, got {wanted.data}")
+    index = wanted.out / INDEX
+    _prepare(index)
+    began = time.monotonic()
+    with progress.shown() as reporter:
+        cache = Cache(wanted.out / CACHE, reporter.say)
+        context = Context(wanted.quick, wanted.seeds, wanted.data, cache, reporter, wanted.jobs or usable_cores())
+        done = [run(section, context) for section in sections if wanted.only is None or section.name in wanted.only]
+    _write(index, page.render(TITLE, _facts(wanted, time.monotonic() - began), done, wanted.quick))
+    return index
+
+
+def run(section: Section, context: Context) -> Done:
+    """Run one section; what it lacks is no error."""
+    began = time.monotonic()
+    context.reporter.say(section.title)
+    try:
+        chapter = section.run(context)
+    except CannotRun as error:
+        context.reporter.say(f"{section.name}: could not run: {error}")
+        return Done(section, None, str(error))
+    return Done(section, chapter, seconds=time.monotonic() - began)
+
+
+def _facts(wanted: Wanted, seconds: float) -> dict[str, str]:
+    """Return what was run, by label."""
+    system = os.uname()
+    return {
+        "Treenail": f"version {version()}, contract {contract_sha256()[:12]}",
+        "machine": f"{cpu_name()}, {os.cpu_count()} cores, {system.sysname} {system.machine}",
+        "Python": sys.version.split()[0],
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "length": "quick" if wanted.quick else "full",
+        "seeds": f"{len(wanted.seeds)}: {wanted.seeds[0]} to {wanted.seeds[-1]}",
+        "sections": ", ".join(wanted.only) if wanted.only else "all",
+        "took": f"{progress.duration(seconds)}, with what was kept from before",
+    }
+
+
+def _prepare(index: Path) -> None:
+    """Make the folder, see that it can be written to, and that no page of somebody else is in the way."""
+    try:
+        index.parent.mkdir(parents=True, exist_ok=True)
+        _replace(index.with_name(f".probe.{os.getpid()}"), "").unlink()
+        ours = not index.exists() or page.MARK in index.read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        raise ReportError(f"--out: expected a folder to write to, got {index.parent}: {error.strerror}") from error
+    if not ours:
+        raise ReportError(f"--out: expected no other page than an earlier report, got {index}; it is left alone")
+
+
+def _write(index: Path, content: str) -> None:
+    try:
+        _replace(index, content)
+    except OSError as error:
+        raise ReportError(f"{index}: cannot be written: {error.strerror}") from error
+
+
+def _replace(path: Path, content: str) -> Path:
+    """Write a file whole or not at all and return its path. Raises OSError."""
+    part = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        part.write_text(content, encoding="utf-8")
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
+    return path

@@ -1,0 +1,64 @@
+"""The chapter on insertions: figures of a run, what is compared, and agreement with true contact states."""
+
+from __future__ import annotations
+
+import pytest
+
+from experiments.reproduce.insertion_compare import compare, figures_of
+from experiments.reproduce.insertion_runs import Gone, Run, insert
+from experiments.reproduce.insertion_thesis import REPORTED
+from experiments.reproduce.verdicts import Verdict
+from services.wire.definition_file import definition_sha256, load, shipped
+from services.wire.errors import TreenailError
+
+
+def gone(outcomes: str, last_return: float = -15.0) -> Gone:
+    returns = [last_return if letter == "i" else -150.0 for letter in outcomes]
+    return Gone(returns, [0.25] * len(outcomes), [0.02] * len(outcomes), outcomes, 5)
+
+
+def test_figures_of_a_run() -> None:
+    figures = figures_of(gone("c" * 7 + "i" * 293 + "c" + "i" * 99))
+    assert figures.steady == 5, "two failures in a hundred are steady"
+    assert figures.collisions == 8
+    assert figures.collisions_after == 3
+    assert figures.longest == 293
+    assert figures.success == 0.99
+    assert figures.force_n == 0.25
+
+
+def test_a_run_that_is_never_steady_counts_with_its_length() -> None:
+    figures = figures_of(gone("ci" * 100))
+    assert figures.steady == 200
+    assert figures.collisions_after == 0
+
+
+def test_verdicts() -> None:
+    (reported,) = (one for one in REPORTED if one.name == "chamfered-q-softmax")
+    good = {row.what: row.outcome for row in compare(reported, [gone("c" * 7 + "i" * 393)])}
+    assert good["steady from episode"] is Verdict.BEATS
+    assert good["return, last quarter"] is Verdict.MATCHES
+    assert good["mean force, last quarter"] is Verdict.MATCHES
+    bad = compare(reported, [gone("c" * 300 + "ici" * 50)])
+    assert {row.outcome for row in bad if row.what.startswith(("steady", "return", "success"))} == {Verdict.DIFFERS}
+    assert "Never steady in 1 of 1 seeds." in bad[0].note
+
+
+def test_every_experiment_of_the_thesis_has_a_definition() -> None:
+    assert {one.name for one in REPORTED} <= set(shipped())
+
+
+def test_a_run_of_another_definition_is_refused() -> None:
+    with pytest.raises(TreenailError, match="expected definition"):
+        insert(Run("chamfered-q-softmax", "0" * 64, 0, 1))
+
+
+def test_a_run_knows_how_its_classes_agree_with_the_truth() -> None:
+    name = "chamfered-q-softmax"
+    run = insert(Run(name, definition_sha256(load(name)), 1, 2))
+    assert len(run.returns) == len(run.outcomes) == 2
+    (block,) = run.blocks
+    assert block.decisions > 100
+    assert 0 < block.purity <= 1
+    assert block.entropy_bit >= 0
+    assert block.states <= run.states
