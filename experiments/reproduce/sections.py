@@ -27,5 +27,6 @@ def _from(module: str) -> Callable[[Context], Chapter]:
 SECTIONS = (
     Section("learners", "Learning agent (4.2, 4.5.1, Appendix A.1)", _from("learners")),
     Section("classifier", "Contact states (4.5.2, Appendix A.2)", _from("classifier")),
+    Section("uncertainty", "Uncertainty of the cell (5.1, Appendix B.1)", _from("uncertainty")),
     Section("insertion", "Insertions (chapter 6, Appendix B.2)", _from("insertion")),
 )

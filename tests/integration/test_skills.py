@@ -19,7 +19,8 @@ from services.wire.keys import LATEST
 from services.wire.messages import Skill
 from services.wire.skill import NamedSkill
 
-EPISODES = 12
+EPISODES = 40
+"""Long enough for a run to be still under way when a command has come up, asked, and ended."""
 LEARNT_IN = 6
 OTHER_ACTIONS = "moves.actions=11"
 
@@ -114,6 +115,7 @@ def test_whatever_is_killed_comes_back_to_the_same_run(
         live.wait_actions(9)
         restart(live, *victims)
         live.wait_alive(*victims)
+        live.wait_until("the task answers", live.experiment)
         assert live.experiment().run == run
     assert live.digests() == expected
 
