@@ -7,7 +7,6 @@ They are measured on the same decisions, one after the other in every round, bec
 from __future__ import annotations
 
 import queue
-import socket
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
@@ -26,6 +25,7 @@ from services.wire.definition_file import find, load, run_id
 from services.wire.errors import CellError
 from services.wire.keys import EPISODE
 from services.wire.messages import EpisodeSummary
+from services.wire.ports import free_port
 from services.wire.service import Options
 from services.wire.session import open_client
 
@@ -150,12 +150,6 @@ def distributed(case: Case, plan: Pattern, *, secure: bool = False) -> float:
     if got != plan.summaries:
         raise CellError(f"bench: expected the cell to repeat run {run_id(definition, case.seed)}, got another one")
     return ends[-1][0] - ends[0][0]
-
-
-def free_port() -> int:
-    """Return a TCP port of this machine that was free a moment ago."""
-    with socket.create_server(("127.0.0.1", 0)) as probe:
-        return int(probe.getsockname()[1])
 
 
 @contextmanager

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from experiments.bench_loop import WORKERS, free_port
+from experiments.bench_loop import WORKERS
 from experiments.bench_values import Value, percentile, spread
 from services.cli.client import Client
 from services.cli.supervisor import Supervisor, last_line
@@ -23,6 +23,7 @@ from services.wire.definition_file import find, load
 from services.wire.errors import CellError, NoAnswerError
 from services.wire.keys import POLICY, TASK_STEPS
 from services.wire.messages import JournalEpisode, PolicyAnswer
+from services.wire.ports import free_port
 from services.wire.service import Options
 
 TARGET_P99_MS = 5.0

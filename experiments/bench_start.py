@@ -10,13 +10,13 @@ import tempfile
 import time
 from pathlib import Path
 
-from experiments.bench_loop import free_port
 from experiments.bench_values import Value, spread
 from services.cli.client import Client
 from services.cli.supervisor import last_line
 from services.wire.errors import CellError
 from services.wire.keys import EPISODE
 from services.wire.messages import EpisodeSummary
+from services.wire.ports import free_port
 from services.wire.service import Options
 
 TARGET_S = 10.0

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from experiments.bench_loop import WORKERS, free_port
+from experiments.bench_loop import WORKERS
 from experiments.bench_values import Value, spread
 from services.cli.client import Client
 from services.cli.supervisor import Supervisor, last_line
@@ -20,6 +20,7 @@ from services.wire.definition_file import find, load
 from services.wire.errors import CellError
 from services.wire.keys import EPISODE
 from services.wire.messages import EpisodeSummary
+from services.wire.ports import free_port
 from services.wire.service import Options
 
 ENDLESS = 1_000_000

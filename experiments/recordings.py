@@ -16,6 +16,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from experiments.contact_states import Sample
+from experiments.rehearsal import told
 from services.sim.cell import SimulatedCell
 from services.sim.pose import Pose, rotation_vector
 from services.task.insertion import Insertion
@@ -23,7 +24,7 @@ from services.wire.actions import INSERT
 from services.wire.definition import Definition, Start
 from services.wire.definition_file import load, run_id
 from services.wire.errors import TreenailError
-from services.wire.messages import Action, EpisodeSummary, Observation, Outcome
+from services.wire.messages import EpisodeSummary, Observation, Outcome
 
 THESIS_VECTORS = 20224
 """As many as the thesis recorded (4.5.2)."""
@@ -124,20 +125,8 @@ def _insertion(task: Insertion, cell: SimulatedCell, supervisor: Supervisor, num
                 return Supervised(samples, "recording ended")
             samples.append(Sample(then.force_n, then.torque_nm, cell.world.contact_state()))
             action = supervisor.action(cell.world.flange, math.hypot(*then.force_n))
-            then = task.act(_action(then, action))
+            then = task.act(told(then, action))
         moved, packet = cell.move(then)
-
-
-def _action(observation: Observation, action: int) -> Action:
-    return Action(
-        run=observation.run,
-        episode=observation.episode,
-        step=observation.step,
-        decision=observation.decision,
-        state=0,
-        action=action,
-        policy_version=0,
-    )
 
 
 class DataError(TreenailError):

@@ -113,7 +113,7 @@ class Rehearsal:
                 return Attempt(tuple(motions), tuple(decided), then)
             if isinstance(then, Observation):
                 action = decide()
-                move = self._task.act(_action(then, action))
+                move = self._task.act(told(then, action))
             else:
                 guided()
                 action, move = INSERT, then
@@ -122,7 +122,8 @@ class Rehearsal:
             moved, packet = self._cell.move(move)
 
 
-def _action(observation: Observation, action: int) -> Action:
+def told(observation: Observation, action: int) -> Action:
+    """Return the action of who decides without an agent's memory: of state 0 and policy version 0."""
     return Action(
         run=observation.run,
         episode=observation.episode,

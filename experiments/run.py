@@ -7,26 +7,20 @@ from __future__ import annotations
 
 import multiprocessing
 import os
-import signal
-import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from multiprocessing import connection, resource_tracker
+from multiprocessing import connection
 from multiprocessing.context import SpawnProcess
 from typing import Protocol
 
+from experiments.children import GRACE_S, POLL_S, how_it_ended, interrupt_noted, start
 from experiments.results import Digests, RunResult, episodes_digest
 from services.wire.definition import Definition
 from services.wire.errors import TreenailError
 from services.wire.skill import NamedSkill
-
-_POLL_S = 0.2
-"""How often Ctrl-C is looked for while the children are at work."""
-_GRACE_S = 1.0
-"""How long a child may take to end before it is killed."""
 
 
 class SeedError(TreenailError):
@@ -122,7 +116,7 @@ def run_seeds(
     all children have ended by then. Of a parent that is killed outright, each child ends with its current episode.
     """
     waiting, children, done = deque(sorted(seeds)), dict[connection.Connection, _Child](), dict[int, TimedRun]()
-    with _interrupt_noted() as interrupted:
+    with interrupt_noted() as interrupted:
         try:
             while waiting or children:
                 while waiting and len(children) < jobs:
@@ -130,7 +124,7 @@ def run_seeds(
                     new, child = _start(definition, seed, episodes, skill)
                     children[new] = child
                     listener.started(seed)
-                heard = connection.wait(list(children), timeout=_POLL_S)
+                heard = connection.wait(list(children), timeout=POLL_S)
                 if interrupted.is_set():
                     raise KeyboardInterrupt
                 for receiver in [known for known in children if known in heard]:
@@ -151,9 +145,7 @@ def _hear(
     try:
         message: int | TimedRun | _Failure = receiver.recv()
     except (EOFError, OSError):
-        child.process.join(_GRACE_S)
-        status = child.process.exitcode or 0
-        how = f"signal {-status}" if status < 0 else f"exit status {status}"
+        how = how_it_ended(child.process)
         raise SeedError(f"seed {child.seed}: its process ended without a result, {how}") from None
     if isinstance(message, _Failure):
         raise SeedError(f"seed {child.seed}: {message.message}")
@@ -161,7 +153,7 @@ def _hear(
         listener.advanced(child.seed, message)
         return
     done[child.seed] = message
-    _end({receiver: children.pop(receiver)}, _GRACE_S)
+    _end({receiver: children.pop(receiver)}, GRACE_S)
     listener.finished(child.seed)
 
 
@@ -171,16 +163,10 @@ def _start(
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
     process = context.Process(target=_work, args=(sender, definition, seed, episodes, skill), daemon=True)
-    # A child starts with the signals blocked that are blocked here. The terminal sends Ctrl-C to children too, and
-    # one that is just starting would answer with a traceback. The tracker comes first: its start unblocks SIGINT.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        process.start()
+        start(process)
     except OSError as error:
         raise SeedError(f"seed {seed}: its process could not be started: {error.strerror}") from error
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     sender.close()
     return receiver, _Child(seed, process)
 
@@ -209,24 +195,12 @@ def _end(children: dict[connection.Connection, _Child], grace_s: float = 0.0) ->
         if child.process.is_alive():
             child.process.terminate()
     for receiver, child in children.items():
-        child.process.join(_GRACE_S)
+        child.process.join(GRACE_S)
         if child.process.is_alive():
             child.process.kill()
         child.process.join()
         child.process.close()
         receiver.close()
-
-
-@contextmanager
-def _interrupt_noted() -> Iterator[threading.Event]:
-    """Note Ctrl-C and SIGTERM, not end at once, so that no child is lost between being started and being known."""
-    noted = threading.Event()
-    before = {number: signal.signal(number, lambda *_: noted.set()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield noted
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 def _one_line(text: str) -> str:

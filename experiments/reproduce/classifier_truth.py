@@ -16,8 +16,6 @@ from experiments.reproduce.context import Context
 from experiments.reproduce.verdicts import near
 
 THETAS, QUICK_THETAS = (0.0, 0.02, 0.05, 0.1, 0.2, 0.3), (0.0, 0.05, 0.2)
-SAME = 0.01
-"""Adjusted Rand indices closer than this are called the same."""
 
 
 def truth(context: Context, sources: Sequence[Source], rhos: Sequence[float]) -> tuple[Block, ...]:

@@ -13,7 +13,7 @@ from experiments.reproduce.chapter import Block as Part
 from experiments.reproduce.chapter import Chapter, Comparisons, Figure, Heading, Table, Text, shown
 from experiments.reproduce.context import Context
 from experiments.reproduce.figures import BLUE, COLOURS, VERMILION, band, drawing, moving_average, svg
-from experiments.reproduce.insertion_compare import compare, figures_of
+from experiments.reproduce.insertion_compare import Figures, compare, figures_of
 from experiments.reproduce.insertion_runs import Gone, Run, insert
 from experiments.reproduce.insertion_thesis import REPORTED, Quantity, Reported
 from experiments.reproduce.verdicts import interval
@@ -41,6 +41,8 @@ class Done(NamedTuple):
     reported: Reported
     episodes: int
     runs: Sequence[Gone]
+    figures: Sequence[Figures]
+    """Of each run."""
 
 
 def chapter(context: Context) -> Chapter:
@@ -48,7 +50,7 @@ def chapter(context: Context) -> Chapter:
     plans = [(reported, _keys(context, reported)) for reported in REPORTED if reported.name in shipped()]
     keys = [key for _, of_one in plans for key in of_one]
     results = dict(zip(keys, context.pieces("insertions", keys, insert, Gone), strict=True))
-    done = [Done(reported, of_one[0].episodes, [results[key] for key in of_one]) for reported, of_one in plans]
+    done = [_done(reported, [(key, results[key]) for key in of_one]) for reported, of_one in plans]
     parts: list[Part] = [_introduction(context, done), _table(done)]
     for one in done:
         parts += [Heading(f"{one.reported.title} ({one.reported.where})"), *_part(context, one)]
@@ -61,6 +63,11 @@ def _keys(context: Context, reported: Reported) -> list[Run]:
     episodes = QUICK_EPISODES if context.quick else definition.episodes
     seeds = context.seeds[:QUICK_SEEDS] if context.quick else context.seeds
     return [Run(reported.name, definition_sha256(definition), seed, episodes) for seed in seeds]
+
+
+def _done(reported: Reported, made: Sequence[tuple[Run, Gone]]) -> Done:
+    runs = [run for _, run in made]
+    return Done(reported, made[0][0].episodes, runs, [figures_of(run) for run in runs])
 
 
 def _introduction(context: Context, done: Sequence[Done]) -> Text:
@@ -81,7 +88,7 @@ def _table(done: Sequence[Done]) -> Table:
     head = ("experiment", "steady from", "return", "force [N]", "torque [N m]", "success", "collisions", "longest run")
     rows = []
     for one in done:
-        figures = [figures_of(run) for run in one.runs]
+        figures = one.figures
         columns: list[list[float]] = [
             [figure.steady for figure in figures],
             [figure.episode_return for figure in figures],
@@ -107,7 +114,7 @@ def _part(context: Context, one: Done) -> list[Part]:
         number = one.reported.figures.get(quantity, "")
         caption = f"{LABELS[quantity].capitalize()}, {one.reported.name}."
         parts.append(Figure(number, caption, _curve(one, quantity)))
-    rows = compare(one.reported, one.runs)
+    rows = compare(one.reported, one.figures, one.episodes)
     if context.quick:
         note = "Short run: the quick report only shows that this can be computed."
         rows = [replace(row, note=f"{row.note} {note}".strip()) for row in rows]

@@ -50,9 +50,8 @@ def figures_of(run: Gone) -> Figures:
     )
 
 
-def compare(reported: Reported, runs: Sequence[Gone]) -> list[Comparison]:
-    """Return the comparisons of one experiment, those that the thesis has a number for."""
-    figures = [figures_of(run) for run in runs]
+def compare(reported: Reported, figures: Sequence[Figures], episodes: int) -> list[Comparison]:
+    """Return the comparisons of one experiment, those that the thesis has a number for; runs of ``episodes``."""
     rows: list[Comparison] = []
 
     def why(quantity: str) -> str:
@@ -60,8 +59,8 @@ def compare(reported: Reported, runs: Sequence[Gone]) -> list[Comparison]:
 
     if (steady := reported.steady_from) is not None:
         values = [figure.steady for figure in figures]
-        never = sum(figure.steady == len(run.returns) for figure, run in zip(figures, runs, strict=True))
-        note = f"Never steady in {never} of {len(runs)} seeds." if never else ""
+        never = sum(figure.steady == episodes for figure in figures)
+        note = f"Never steady in {never} of {len(figures)} seeds." if never else ""
         rule = at_most(steady, beats_at=steady / 2)
         rows.append(Comparison("steady from episode", f"about {steady}", values, rule, why("steady"), note=note))
     if (gain := reported.episode_return) is not None:

@@ -18,7 +18,6 @@ from services.wire.messages import EpisodeSummary, FtPacket, Moved, Observation
 BLOCK = 100
 """Episodes over which agreement with the true contact states is told."""
 LETTERS = {"inserted": "i", "collision": "c", "no_progress": "p", "move_limit": "m"}
-OUTCOMES = {letter: outcome for outcome, letter in LETTERS.items()}
 
 
 @dataclass(frozen=True)

@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import multiprocessing
-import signal
-import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import connection, resource_tracker
+from multiprocessing import connection
 from multiprocessing.context import SpawnProcess
 from typing import Any, Generic, TypeVar
 
+from experiments.children import GRACE_S, POLL_S, how_it_ended, interrupt_noted, start
 from services.wire.errors import TreenailError
 
 K = TypeVar("K")
 T = TypeVar("T")
-_POLL_S = 0.2
-"""How often Ctrl-C is looked for while the processes are at work."""
-_GRACE_S = 1.0
-"""How long a process may take to end before it is killed."""
 
 
 class PieceError(TreenailError):
@@ -46,7 +40,7 @@ def spread(work: Callable[[K], T], keys: Sequence[K], jobs: int) -> Iterator[tup
     with its current piece.
     """
     waiting, children = deque(enumerate(keys)), dict[connection.Connection, _Child]()
-    with _interrupt_noted() as interrupted:
+    with interrupt_noted() as interrupted:
         try:
             while waiting and len(children) < jobs:
                 index, key = waiting.popleft()
@@ -54,7 +48,7 @@ def spread(work: Callable[[K], T], keys: Sequence[K], jobs: int) -> Iterator[tup
                 children[pipe] = _Child(process, index)
                 _send(pipe, key, process)
             while children:
-                heard = connection.wait(list(children), timeout=_POLL_S)
+                heard = connection.wait(list(children), timeout=POLL_S)
                 if interrupted.is_set():
                     raise KeyboardInterrupt
                 for pipe in [known for known in children if known in heard]:
@@ -76,16 +70,10 @@ def _start(work: Callable[[K], T]) -> tuple[connection.Connection, SpawnProcess]
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve, args=(theirs, work), daemon=True)
-    # A child starts with the signals blocked that are blocked here. The terminal sends Ctrl-C to children too, and
-    # one that is just starting would answer with a traceback. The tracker comes first: its start unblocks SIGINT.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
-        process.start()
+        start(process)
     except OSError as error:
         raise PieceError(f"a process for the pieces could not be started: {error.strerror}") from error
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
     theirs.close()
     return ours, process
 
@@ -114,10 +102,7 @@ class _Result(Generic[T]):
 
 
 def _died(key: object, process: SpawnProcess) -> PieceError:
-    process.join(_GRACE_S)
-    status = process.exitcode or 0
-    how = f"signal {-status}" if status < 0 else f"exit status {status}"
-    return PieceError(f"piece {key}: its process ended without a result, {how}")
+    return PieceError(f"piece {key}: its process ended without a result, {how_it_ended(process)}")
 
 
 def _serve(pipe: connection.Connection, work: Callable[[K], T]) -> None:
@@ -146,20 +131,8 @@ def _end(children: dict[connection.Connection, _Child]) -> None:
         pipe.close()
         child.process.terminate()
     for child in children.values():
-        child.process.join(_GRACE_S)
+        child.process.join(GRACE_S)
         if child.process.is_alive():
             child.process.kill()
         child.process.join()
         child.process.close()
-
-
-@contextmanager
-def _interrupt_noted() -> Iterator[threading.Event]:
-    """Note Ctrl-C and SIGTERM, not end at once, so that no child is lost between being started and being known."""
-    noted = threading.Event()
-    before = {number: signal.signal(number, lambda *_: noted.set()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield noted
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -88,10 +88,19 @@ def _sensor(measured: Measured, noise: Noise) -> list[Heading | Figure | Compari
     filtered = "The 31 Hz filter is not modelled: the learner is given single readings, and the thesis's are one run."
     rows = [
         Comparison(
-            "greatest force error in 60 s", f"{facts['force_error_n']:g} N", force_errors, among(0.15), why, "N"
+            "greatest force error in 60 s",
+            f"{facts['force_error_n']:g} N",
+            force_errors,
+            among(facts["force_error_n"]),
+            why,
+            "N",
         ),
         Comparison(
-            "greatest torque error in 60 s", f"{facts['torque_error']:g} (N m x 10)", torque_errors, among(0.12), why
+            "greatest torque error in 60 s",
+            f"{facts['torque_error']:g} (N m x 10)",
+            torque_errors,
+            among(facts["torque_error"]),
+            why,
         ),
         Comparison(
             "31 Hz filter: greatest torque error",

@@ -11,6 +11,7 @@ from services.agent.learning import Learner
 from services.wire.definition import Definition
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
 from services.wire.messages import Action, JournalEpisode, Reward, Skill, State
+from services.wire.place import split_place, with_place
 
 
 class AgentFold:
@@ -144,14 +145,11 @@ class AgentFold:
 
     def snapshot(self) -> dict[str, bytes | int]:
         """Return the memory. Raises ValueError when an episode is under way."""
-        return {**self.learnt(), "fold_decisions": self.decisions, "fold_episode": self.episode}
+        return with_place(self.learnt(), self.decisions, self.episode)
 
     def restore(self, snapshot: Mapping[str, bytes | int]) -> None:
         """Take over a memory. Raises ValueError, with nothing changed, when it does not fit."""
-        memory = dict(snapshot)
-        decisions, episode = memory.pop("fold_decisions", None), memory.pop("fold_episode", None)
-        if not (isinstance(decisions, int) and isinstance(episode, int) and decisions >= 0 <= episode):
-            raise ValueError("agent checkpoint: expected fold_decisions and fold_episode of 0 or more")
+        memory, decisions, episode = split_place(snapshot, "agent")
         self.learner.restore(memory)
         self.decisions = self.rewards = decisions
         self.episode = episode

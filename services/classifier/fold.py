@@ -11,6 +11,7 @@ from services.classifier.art2 import Art2, ClassifierFullError
 from services.wire.definition import Definition
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
 from services.wire.messages import JournalEpisode, Observation, Skill, State
+from services.wire.place import split_place, with_place
 
 
 class ClassifierFold:
@@ -88,14 +89,11 @@ class ClassifierFold:
 
     def snapshot(self) -> dict[str, bytes | int]:
         """Return the memory, to be taken between episodes."""
-        return {**self.learnt(), "fold_decisions": self.decisions, "fold_episode": self.episode}
+        return with_place(self.learnt(), self.decisions, self.episode)
 
     def restore(self, snapshot: Mapping[str, bytes | int]) -> None:
         """Take over a memory. Raises ValueError, with nothing changed, when it does not fit."""
-        memory = dict(snapshot)
-        decisions, episode = memory.pop("fold_decisions", None), memory.pop("fold_episode", None)
-        if not (isinstance(decisions, int) and isinstance(episode, int) and decisions >= 0 <= episode):
-            raise ValueError("classifier checkpoint: expected fold_decisions and fold_episode of 0 or more")
+        memory, decisions, episode = split_place(snapshot, "classifier")
         self.art2.restore(memory)
         self.decisions, self.episode = decisions, episode
         self._answers.clear()

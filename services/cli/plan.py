@@ -7,6 +7,7 @@ import socket
 from dataclasses import dataclass
 from pathlib import Path
 
+from services.wire import ports
 from services.wire import skill as skill_file
 from services.wire.access import OPERATOR, ROUTER
 from services.wire.definition import Definition
@@ -128,10 +129,7 @@ def _viewer(arguments: argparse.Namespace) -> Viewer:
 
 def _free_port(host: str, port: int, option: str) -> int:
     """Return ``port``, or a free one for 0. Raises CellError when it is taken."""
-    with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((host, port))
-        except (OSError, OverflowError) as error:
-            raise CellError(f"{option} {port}: cannot listen on {host}:{port}: {error}; try another, or 0") from None
-        return int(probe.getsockname()[1])
+    try:
+        return ports.free_port(host, port)
+    except (OSError, OverflowError) as error:
+        raise CellError(f"{option} {port}: cannot listen on {host}:{port}: {error}; try another, or 0") from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import socket
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import rerun as rr
 from services.viewer import colours, layout, record, shapes
 from services.viewer.address import bracketed
 from services.viewer.decimate import Nanoseconds
+from services.wire import ports
 from services.wire.definition import Definition
 from services.wire.errors import CellError
 
@@ -132,14 +132,10 @@ def free_port(bind: str, port: int) -> int:
 
     Rerun itself does not say so: it would serve nobody and drop what it is given.
     """
-    with socket.socket(socket.AF_INET6 if ":" in bind else socket.AF_INET) as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((bind, port))
-        except (OSError, OverflowError) as error:
-            raise CellError(f"viewer: expected a free port at {bind}, got {port}: {error}") from error
-        chosen: int = probe.getsockname()[1]
-        return chosen
+    try:
+        return ports.free_port(bind, port)
+    except (OSError, OverflowError) as error:
+        raise CellError(f"viewer: expected a free port at {bind}, got {port}: {error}") from error
 
 
 def _mesh(mesh: shapes.Mesh, colour: tuple[int, ...]) -> rr.Mesh3D:

@@ -22,7 +22,6 @@ class Progress:
     done: int = 0
     recent: deque[EpisodeSummary] = field(default_factory=lambda: deque(maxlen=WINDOW))
     moves: int = 0
-    _since: float = field(default_factory=time.monotonic)
     _pace: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=50))
 
     def add(self, summary: EpisodeSummary) -> None:
