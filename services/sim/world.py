@@ -46,11 +46,11 @@ TRAVEL_DEG = 0.04
 """Most the flange turns in one time step."""
 SETTLE_STEPS = 40
 """Most time steps after the flange has stopped; fewer when the peg stands still."""
-LOOK_EVERY = 5
+LOOK_EVERY = 3
 """Time steps between looks at whether the peg stands still."""
-STILL_MM = 5e-6
-"""A peg that moved less than this between two looks stands still: some last bits of its position, less than 0.1 mN."""
-STILL_TURN = 5e-7
+STILL_MM = 2e-5
+"""A peg that moved less than this between two looks stands still: the spring's 0.3 mN, far below what a sensor sees."""
+STILL_TURN = 2e-6
 """The same for the components of its quaternion."""
 RESPONSE_PER_S = 400.0
 """Natural frequency of the peg on its spring [rad/s]; the peg's mass and inertia follow from it and the stiffness.
