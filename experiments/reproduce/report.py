@@ -14,6 +14,7 @@ from experiments.bench_values import cpu_name
 from experiments.reproduce import page, progress
 from experiments.reproduce.cache import Cache
 from experiments.reproduce.chapter import CannotRun, Section
+from experiments.reproduce.code import code_sha256
 from experiments.reproduce.context import Context
 from experiments.reproduce.page import Done
 from experiments.reproduce.sections import SECTIONS
@@ -60,7 +61,7 @@ def make(wanted: Wanted, sections: Sequence[Section] = SECTIONS) -> Path:
     _prepare(index)
     began = time.monotonic()
     with progress.shown() as reporter:
-        cache = Cache(wanted.out / CACHE, reporter.say)
+        cache = Cache(wanted.out / CACHE, reporter.say, code_sha256())
         context = Context(wanted.quick, wanted.seeds, wanted.data, cache, reporter, wanted.jobs or usable_cores())
         done = [run(section, context) for section in sections if wanted.only is None or section.name in wanted.only]
     _write(index, page.render(TITLE, _facts(wanted, time.monotonic() - began), done, wanted.quick))
@@ -83,7 +84,7 @@ def _facts(wanted: Wanted, seconds: float) -> dict[str, str]:
     """Return what was run, by label."""
     system = os.uname()
     return {
-        "Treenail": f"version {version()}, contract {contract_sha256()[:12]}",
+        "Treenail": f"version {version()}, contract {contract_sha256()[:12]}, code {code_sha256()[:12]}",
         "machine": f"{cpu_name()}, {os.cpu_count()} cores, {system.sysname} {system.machine}",
         "Python": sys.version.split()[0],
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from experiments.reproduce.cache import Cache, CacheError
+from experiments.reproduce.code import code_sha256
 from experiments.reproduce.context import Context
 from experiments.reproduce.pool import PieceError
 
@@ -116,25 +117,52 @@ DAMAGES = {
     "another shape": lambda content: b'{"value": 10}',
     "a digit": lambda content: content.replace(b'"value":10', b'"value":11'),
     "another key": lambda content: content.replace(b'"number":1', b'"number":2'),
-    "another format": lambda content: content.replace(b'"format":1', b'"format":2'),
+    "another format": lambda content: content.replace(b'"format":2', b'"format":3'),
+    "other code": lambda content: content.replace(b'"code":""', b'"code":"0f0f"'),
     "another type": lambda content: content.replace(b'"value":10', b'"value":"ten"'),
 }
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_entry_is_computed_again_with_a_word_and_replaced(tmp_path: Path, damage: str) -> None:
+def test_an_entry_of_no_use_is_set_aside_with_a_word_and_computed_again(tmp_path: Path, damage: str) -> None:
     heard = Heard()
     made = context(tmp_path, heard)
     made.cached("a", Key(1), lambda: 10, int)
     path = made.cache.path("a", Key(1))
     sound = path.read_bytes()
-    path.write_bytes(DAMAGES[damage](sound))
+    unusable = DAMAGES[damage](sound)
+    path.write_bytes(unusable)
     assert path.read_bytes() != sound
     assert made.cached("a", Key(1), lambda: 10, int) == 10
     assert len(heard.lines) == 1
     assert "computing it again" in heard.lines[0]
     assert path.read_bytes() == sound
-    assert list(tmp_path.iterdir()) == [path]
+    aside = path.with_name(path.name + ".old")
+    assert aside.read_bytes() == unusable
+    assert set(tmp_path.iterdir()) == {path, aside}
+
+
+def test_what_other_code_computed_is_not_used(tmp_path: Path) -> None:
+    heard = Heard()
+    Cache(tmp_path, heard.say, "0" * 64).keep("a", Key(1), 10, int)
+    assert Cache(tmp_path, heard.say, "0" * 64).load("a", Key(1), int) == 10
+    assert Cache(tmp_path, heard.say, "1" * 64).load("a", Key(1), int) is None
+    assert "computed by other code (000000000000, this is 111111111111)" in heard.lines[0]
+
+
+def test_the_code_is_named_by_its_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert code_sha256() == code_sha256()
+    assert len(code_sha256()) == 64
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "some_learner").mkdir()
+    (tmp_path / "some_learner" / "__init__.py").touch()
+    module = tmp_path / "some_learner" / "policy.py"
+    digests = set()
+    for content in ("x = 1", "x = 2"):
+        module.write_text(content)
+        code_sha256.cache_clear()
+        digests.add(code_sha256(("some_learner",)))
+    assert len(digests) == 2
 
 
 def test_a_folder_in_the_way_of_an_entry_is_left_alone(tmp_path: Path) -> None:
