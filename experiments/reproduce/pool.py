@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -107,6 +108,7 @@ def _died(key: object, process: SpawnProcess) -> PieceError:
 
 def _serve(pipe: connection.Connection, work: Callable[[K], T]) -> None:
     """Do piece after piece in a child, until the parent closes the pipe or is gone."""
+    gc.freeze()  # what is loaded by now stays, and need not be looked through again and again
     while True:
         try:
             key = pipe.recv()

@@ -1,6 +1,6 @@
 """Pure geometry of peg and hole: convex pieces for the physics, and a free-space test that needs no physics.
 
-A hole is a regular polygon ring: 64 sides for a round hole, 4 for a square one. Its profile, the distance of the
+A hole is a regular polygon ring: 40 sides for a round hole, 4 for a square one. Its profile, the distance of the
 walls from the axis over the depth z, is ``half_width + chamfer`` at the mouth (z = 0), falls at 45 degrees to
 ``half_width`` at z = chamfer and stays there. Seen in section the material is convex, so one convex piece per side
 holds chamfer and bore together. All lengths in mm, all points in the hole frame unless a docstring says otherwise.
@@ -19,7 +19,7 @@ from services.wire.definition import Parts
 
 Vertices = npt.NDArray[np.float32]
 
-ROUND_SIDES = 64
+ROUND_SIDES = 40
 """Sides of the polygons that stand for circles, peg and hole alike; a multiple of 8 keeps every mirror symmetry."""
 
 MARGIN_MM = 0.01
@@ -31,7 +31,7 @@ class Geometry:
     """Sizes of peg and hole [mm] as both the physics and the free-space test use them.
 
     A round peg's polygon lies inside its circle and a round hole's polygon outside its own, so a contact never comes
-    earlier than between the true circles and at most 0.03 mm later (for the default peg).
+    earlier than between the true circles and at most 0.08 mm later (for the default peg).
     """
 
     sides: int

@@ -44,7 +44,7 @@ TRAVEL_MM = 0.04
 """Most the flange travels in one time step; a move of 0.2 mm takes 5."""
 TRAVEL_DEG = 0.04
 """Most the flange turns in one time step."""
-SETTLE_STEPS = 40
+SETTLE_STEPS = 24
 """Most time steps after the flange has stopped; fewer when the peg stands still."""
 LOOK_EVERY = 3
 """Time steps between looks at whether the peg stands still."""
