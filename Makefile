@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 ARGS ?=
 
-.PHONY: help setup sim reproduce test check lock docs clean
+.PHONY: help setup sim reproduce chaos test check lock docs clean
 
 help:  ## show this
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -16,6 +16,7 @@ $(VENV)/ready: requirements.lock pyproject.toml
 	@$(PYTHON) -m venv $(VENV) || { echo "make: cannot make a virtual environment; on Debian: apt install python3-venv" >&2; exit 2; }
 	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@rm -rf *.egg-info # an old one here would hide the installed list of plug-ins
 	@touch $@
 
 sim: setup  ## a whole cell on this machine: watch a peg learn its hole; ARGS="--episodes 60 --seed 1"
@@ -23,6 +24,9 @@ sim: setup  ## a whole cell on this machine: watch a peg learn its hole; ARGS="-
 
 reproduce: setup  ## the thesis's tables and figures anew, as report/index.html; QUICK=1 for a rough one
 	@exec $(BIN)/treenail reproduce $(if $(QUICK),--quick) $(ARGS)
+
+chaos: setup  ## kill a learning cell's processes 500 times, and more, and compare; ARGS="--kills 20" for a short one
+	@exec $(BIN)/treenail chaos run --kills 500 $(ARGS)
 
 check: setup  ## formatting, lint, types, import contracts
 	$(BIN)/ruff format --check .

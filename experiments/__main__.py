@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from services.wire import definition_file
+from services.wire import definition_file, plugins
 from services.wire import skill as skill_file
 from services.wire.errors import TreenailError
 from services.wire.randomness import MAX_SEED
@@ -46,6 +46,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from experiments import plots, progress, result_files, results, run
 
     definition = definition_file.load(arguments.experiment, arguments.set)
+    plugins.check(definition)
     sha256 = definition_file.definition_sha256(definition)
     skill, from_skill = None, ""
     if arguments.skill is not None:

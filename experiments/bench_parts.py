@@ -15,7 +15,7 @@ from services.agent.learning import Learner
 from services.classifier.art2 import Art2
 from services.classifier.encoding import Encoding, input_count
 from services.sim.cell import SimulatedCell
-from services.wire.definition import Art2Settings, Definition, Noise
+from services.wire.definition import Art2Settings, Definition, Noise, Plugin
 from services.wire.errors import TreenailError
 from services.wire.messages import FtPacket, Home, Move
 
@@ -74,6 +74,8 @@ def art2(steps: int, rounds: int) -> dict[str, Value]:
 
 def learner(definition: Definition, seed: int, steps: int, rounds: int) -> dict[str, Value]:
     """Measure updates of a table, and decisions with the update before them, in episodes of 100 decisions."""
+    if isinstance(definition.learner, Plugin):
+        raise TreenailError(f"bench learner: expected q_learning or sarsa, got {definition.learner.name!r}")
     subject = Learner(definition.moves.actions, definition.learner, definition.policy, seed)
     updates, decides_us = [], []
     for number in range(rounds):
@@ -103,11 +105,11 @@ def _sweep(definition: Definition, seed: int, moves: int, *, in_contact: bool) -
     The arm makes them exactly: with its errors it would wander off the rim. Raises TreenailError when the peg is not
     where it should be.
     """
-    cell = SimulatedCell(replace(definition, noise=Noise()), _RUN, seed)
-    start, limits = definition.start, definition.limits
-    height_mm = start.height_mm if in_contact else 20.0
+    limits = replace(definition.limits, move_limit=definition.limits.move_limit + moves)
+    start = definition.start if in_contact else replace(definition.start, height_mm=20.0)
+    cell = SimulatedCell(replace(definition, noise=Noise(), start=start, limits=limits), _RUN, seed)
     tilt = {"rx_deg": start.rx_deg, "ry_deg": start.ry_deg, "rz_deg": start.rz_deg}
-    cell.home(Home(run=_RUN, episode=0, x_mm=start.x_mm, y_mm=start.y_mm, z_mm=-height_mm, **tilt))
+    cell.home(Home(run=_RUN, episode=0, x_mm=start.x_mm, y_mm=start.y_mm, z_mm=-start.height_mm, **tilt))
     step, felt_n = 0, 0.0
     while in_contact and felt_n < 2 * limits.contact_force_n:
         step += 1

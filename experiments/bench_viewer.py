@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import itertools
-import os
 import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
 from experiments.bench_loop import WORKERS
+from experiments.bench_processes import MB, mind, slope_per_h, usage
 from experiments.bench_values import Value, spread
 from services.cli.client import Client
-from services.cli.supervisor import Supervisor, last_line
+from services.cli.supervisor import Supervisor
 from services.wire.definition_file import find, load
 from services.wire.errors import CellError
 from services.wire.keys import EPISODE
@@ -27,7 +25,6 @@ ENDLESS = 1_000_000
 """Episodes: more than there is time for."""
 SAMPLE_EVERY_S = 1.0
 FIRST_EPISODE_WITHIN_S = 120.0
-MB = 1e6
 
 
 class Case(NamedTuple):
@@ -72,8 +69,7 @@ def report(case: Case, samples: Sequence[Sample]) -> dict[str, Value]:
     """Return the figures of two or more samples; growth is that of their last half, after the warm-up."""
     first, middle, last = samples[0], samples[len(samples) // 2], samples[-1]
     late = samples[len(samples) // 2 :] if len(samples) > 3 else samples
-    hours = np.array([sample.time_s / 3600 for sample in late])
-    sizes = np.array([sample.rss_bytes / MB for sample in late])
+    sizes = [sample.rss_bytes / MB for sample in late]
     seconds = last.time_s - first.time_s
     rate = (last.sent_bytes - first.sent_bytes) / MB / (seconds / 60)
     return {
@@ -85,8 +81,8 @@ def report(case: Case, samples: Sequence[Sample]) -> dict[str, Value]:
         "rss_first_mb": first.rss_bytes / MB,
         "rss_middle_mb": middle.rss_bytes / MB,
         "rss_last_mb": last.rss_bytes / MB,
-        "rss_last_half_mb": spread(sizes.tolist()),
-        "growth_last_half_mb_per_h": float(np.polyfit(hours - hours[0], sizes, 1)[0]),
+        "rss_last_half_mb": spread(sizes),
+        "growth_last_half_mb_per_h": slope_per_h([sample.time_s for sample in late], sizes),
         "stream_mb_per_min": rate,
         "stream_mb_per_h": 60 * rate,
         "cpu_percent": 100 * (last.cpu_s - first.cpu_s) / seconds,
@@ -115,7 +111,7 @@ def _watch(case: Case, supervisor: Supervisor, folder: Path, endpoint: str) -> l
             supervisor.start(name, *cell)
         deadline = time.monotonic() + FIRST_EPISODE_WITHIN_S
         while not finished[0]:
-            _mind(supervisor)
+            mind(supervisor)
             if time.monotonic() > deadline:
                 raise CellError(f"bench: expected an episode within {FIRST_EPISODE_WITHIN_S:g} s, got none")
             time.sleep(0.1)
@@ -123,7 +119,7 @@ def _watch(case: Case, supervisor: Supervisor, folder: Path, endpoint: str) -> l
         due = start = time.monotonic()
         while due <= start + case.seconds:
             time.sleep(max(0.0, due - time.monotonic()))
-            _mind(supervisor)
+            mind(supervisor)
             process = supervisor.children["viewer"].process
             assert process is not None
             samples.append(_sample(process.pid, time.monotonic() - start, recording, finished[0]))
@@ -131,18 +127,6 @@ def _watch(case: Case, supervisor: Supervisor, folder: Path, endpoint: str) -> l
     return samples
 
 
-def _mind(supervisor: Supervisor) -> None:
-    """Raise CellError when a process has ended: what grew in it would be gone."""
-    running = supervisor.alive()
-    for child in supervisor.children.values():
-        if child.name not in running:
-            raise CellError(f"bench: expected {child.name} to run, it ended: {last_line(child.log)}")
-
-
 def _sample(pid: int, time_s: float, recording: Path, episodes: int) -> Sample:
-    pages = int(Path(f"/proc/{pid}/statm").read_text().split()[1])
-    # After the name, which may hold anything: state is field 3, processor time in user and system mode 14 and 15.
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    cpu_s = (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
     sent = recording.stat().st_size if recording.exists() else 0
-    return Sample(time_s, pages * os.sysconf("SC_PAGE_SIZE"), cpu_s, sent, episodes)
+    return Sample(time_s, *usage(pid), sent, episodes)

@@ -27,7 +27,7 @@ from services.classifier.art2 import Art2
 from services.sim.contact_state import FREE
 from services.wire import definition_file
 from services.wire.command import EXIT_ERROR
-from services.wire.definition import Art2Settings, Definition
+from services.wire.definition import Art2Settings, Definition, Plugin
 from services.wire.errors import TreenailError
 from services.wire.messages import Force, FtPacket, Moved, Observation, Torque
 
@@ -148,9 +148,12 @@ def main(words: Sequence[str] | None = None) -> int:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
         return EXIT_ERROR
     runs = [record(definition, seed, arguments.episodes) for seed in range(arguments.seeds)]
-    base = score(definition.classifier, runs)
+    settings = definition.classifier
+    if isinstance(settings, Plugin):
+        raise TreenailError(f"classifier: expected art2, whose settings are tried out here, got {settings.name!r}")
+    base = score(settings, runs)
     scores, said_s = [], time.monotonic()
-    everything = grid(definition.classifier)
+    everything = grid(settings)
     for number, settings in enumerate(everything, start=1):
         scores.append(score(settings, runs))
         if time.monotonic() - said_s >= LINE_EVERY_S:

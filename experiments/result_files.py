@@ -188,7 +188,11 @@ def _toml_value(value: object) -> str:
     if isinstance(value, str):
         # TOML's basic strings are JSON's, save that DEL has to be escaped as well.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
+    if isinstance(value, dict):  # the settings of a plug-in
+        return "{ " + ", ".join(f"{json.dumps(key)} = {_toml_value(one)}" for key, one in value.items()) + " }"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if not isinstance(value, (int, float)):
         raise TypeError(f"definition: expected text or a number, got {value!r}")
     return repr(value)
 

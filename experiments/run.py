@@ -94,7 +94,7 @@ def run_seed(
     seconds = time.perf_counter() - began
     digests: Digests = {
         "q_table": run.agent.learner.digest(),
-        "art2": run.classifier.art2.digest(),
+        "art2": run.classifier.network.digest(),
         "episodes": episodes_digest(summaries),
     }
     return TimedRun(RunResult(seed, tuple(summaries), digests), seconds)

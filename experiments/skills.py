@@ -85,7 +85,7 @@ def digests(skill: Skill) -> SkillDigests:
     classifier = ClassifierFold(skill.definition, skill.run)
     agent.begin_with(skill)
     classifier.begin_with(skill)
-    return {"q_table": agent.learner.digest(), "art2": classifier.art2.digest()}
+    return {"q_table": agent.learner.digest(), "art2": classifier.network.digest()}
 
 
 def _go_to(fold: AgentFold | ClassifierFold, checkpoint: Checkpoint | None, began_with: NamedSkill | None) -> None:

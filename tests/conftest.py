@@ -35,6 +35,7 @@ lateral_mm = 0.4
 insertion_mm = 0.4
 rotation_deg = 0.4
 [limits]
+hard_force_n = 26.0
 success_fraction = 0.25
 move_limit = 30
 [classifier]

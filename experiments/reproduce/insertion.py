@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.reproduce import insertion_exploration
 from experiments.reproduce.chapter import Block as Part
 from experiments.reproduce.chapter import Chapter, Comparisons, Figure, Heading, Table, Text, shown
 from experiments.reproduce.context import Context
@@ -19,7 +20,7 @@ from experiments.reproduce.insertion_thesis import REPORTED, Quantity, Reported
 from experiments.reproduce.verdicts import interval
 from services.wire.definition_file import definition_sha256, load, shipped
 
-QUICK_EPISODES = 150
+QUICK_EPISODES = 110
 """Just enough for ``steady_from`` to mean something."""
 QUICK_SEEDS = 2
 WINDOW = 10
@@ -31,6 +32,8 @@ LABELS: dict[Quantity, str] = {
     "torque": "mean torque [N m]",
     "failures": "failures per 10 episodes",
 }
+EXPLORING = ("chamfered-q-egreedy", "chamferless-q-egreedy")
+"""Experiments that never stop exploring; what that costs is measured."""
 OVERLAP = ("chamfered-q-softmax", "square-q-softmax")
 """Experiments whose contact states are held against the true ones."""
 
@@ -118,7 +121,11 @@ def _part(context: Context, one: Done) -> list[Part]:
     if context.quick:
         note = "Short run: the quick report only shows that this can be computed."
         rows = [replace(row, note=f"{row.note} {note}".strip()) for row in rows]
-    return [*parts, Comparisons(rows)] if rows else parts
+    if rows:
+        parts.append(Comparisons(rows))
+    if one.reported.name in EXPLORING:
+        parts.append(insertion_exploration.table(context, one.reported.name))
+    return parts
 
 
 def _values(one: Done, quantity: Quantity) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from experiments.gridworlds import CLIFF, MAZES, GridWorld, Move, World, greedy_path, train
 from services.agent.learning import Learner
-from services.wire.definition import EpsilonAnnealed, EpsilonGreedy, LearnerSettings, Policy, Softmax
+from services.wire.definition import TD_LEARNERS, EpsilonAnnealed, EpsilonGreedy, Policy, Softmax
 
 Kind = Literal["sarsa", "q_learning"]
 KINDS: tuple[Kind, ...] = ("sarsa", "q_learning")
@@ -63,7 +63,7 @@ def learn(run: Run) -> Learnt:
     """Train a fresh learner as ``run`` says and walk greedily at the end."""
     world = _world(run)
     policy = POLICIES.get(run.policy, EpsilonGreedy(epsilon=0.1))
-    learner = Learner(len(Move), LearnerSettings(kind=run.kind, alpha=run.alpha, gamma=run.gamma), policy, run.seed)
+    learner = Learner(len(Move), TD_LEARNERS[run.kind](alpha=run.alpha, gamma=run.gamma), policy, run.seed)
     training = train(world, learner, run.episodes)
     path = [move for _, move in greedy_path(world, learner, CIRCLES)]
     best = [Move(learner.best_action(state)) for state in range(STATES)] if run.sees == "walls" else []

@@ -7,18 +7,28 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from services.agent.learning import Learner
-from services.wire.definition import Definition
+from services.agent.learning import Learner as TdLearner
+from services.wire import plugins
+from services.wire.definition import Definition, Plugin
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
 from services.wire.messages import Action, JournalEpisode, Reward, Skill, State
 from services.wire.place import split_place, with_place
+from services.wire.plugins import Learner
+
+
+def learner_of(definition: Definition, seed: int) -> Learner:
+    """Return a learner that has learnt nothing. Raises PluginError for one of another package."""
+    actions, settings, policy = definition.moves.actions, definition.learner, definition.policy
+    if isinstance(settings, Plugin):
+        return plugins.learner(settings, actions, policy, seed)
+    return TdLearner(actions, settings, policy, seed)
 
 
 class AgentFold:
     """A learner with a place in the run: decisions seen before are answered again, and nothing is learnt twice."""
 
     def __init__(self, definition: Definition, run: str, seed: int) -> None:
-        self.learner = Learner(definition.moves.actions, definition.learner, definition.policy, seed)
+        self.learner = learner_of(definition, seed)
         self.run = run
         self.decisions = 0
         """States folded so far: the decision number that comes next."""

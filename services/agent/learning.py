@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.agent.policies import pick, probabilities
-from services.wire.definition import LearnerSettings, Policy
+from services.wire.definition import Policy, Sarsa, TdSettings
 from services.wire.randomness import MAX_SEED, Role, generator
 
 MAX_STATES = 1_000_000
@@ -28,7 +28,7 @@ class Learner:
     ever updated; every other state counts as a row of zeros. Every refused call leaves the learner as it was.
     """
 
-    def __init__(self, actions: int, learner: LearnerSettings, policy: Policy, seed: int) -> None:
+    def __init__(self, actions: int, learner: TdSettings, policy: Policy, seed: int) -> None:
         """Start with an empty table; ``actions`` is at least 1, ``seed`` in 0..2**63-1, ValueError otherwise."""
         if actions < 1:
             raise ValueError(f"number of actions: expected 1 or more, got {actions}")
@@ -112,7 +112,8 @@ class Learner:
         old = float(self._row(state)[self._checked(action, "action")])
         if not math.isfinite(reward):
             raise ValueError(f"reward in state {state}: expected a finite number, got {reward}")
-        target = float(reward) + self._learner.gamma * self._next_value(next_state, next_action)
+        worth = 0.0 if next_state is None else self.next_value(next_state, next_action)
+        target = float(reward) + self._learner.gamma * worth
         new = old + self._learner.alpha * (target - old)
         if not math.isfinite(new):
             raise ValueError(f"value of state {state}, action {action}: expected a finite number, got {new}")
@@ -120,6 +121,18 @@ class Learner:
         self._q[state, action] = new
         self._visits[state, action] += 1
         self._version += 1
+
+    def next_value(self, state: int, action: int | None) -> float:
+        """Return what it is worth to come to ``state``, where ``action`` is taken next (None for Q-learning).
+
+        This is where one-step learners differ: a learner of another kind is a subclass with its own. Raises ValueError.
+        """
+        row = self._row(state)
+        if not isinstance(self._learner, Sarsa):
+            return float(row.max())
+        if action is None:
+            raise ValueError(f"SARSA: expected the action taken in next state {state}, got none")
+        return float(row[self._checked(action, "next action")])
 
     def decide(self, previous: tuple[int, int, float] | None, state: int, episode: int, step: int) -> int:
         """Learn from ``previous`` (state, action, reward), which led to ``state``, and return the action to take there.
@@ -129,7 +142,7 @@ class Learner:
         """
         if previous is None:
             return self.act(state, episode, step)
-        if self._learner.kind == "sarsa":
+        if isinstance(self._learner, Sarsa):
             action = self.act(state, episode, step)
             self.update(*previous, state, action)
             return action
@@ -194,17 +207,6 @@ class Learner:
         if not 0 <= action < self.actions:
             raise ValueError(f"{name}: expected 0 to {self.actions - 1}, got {action}")
         return action
-
-    def _next_value(self, next_state: int | None, next_action: int | None) -> float:
-        """Return what the next state is worth, 0 after the end."""
-        if next_state is None:
-            return 0.0
-        row = self._row(next_state)
-        if self._learner.kind == "q_learning":
-            return float(row.max())
-        if next_action is None:
-            raise ValueError(f"SARSA: expected the action taken in next state {next_state}, got none")
-        return float(row[self._checked(next_action, "next action")])
 
     def _grow(self, states: int) -> None:
         """Make the table at least ``states`` rows long."""

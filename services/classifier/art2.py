@@ -23,37 +23,17 @@ Where the thesis leaves room:
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from services.classifier import art2_kernel as kernel
+from services.classifier import memory
 from services.classifier.encoding import encode, input_count
 from services.wire.definition import Art2Settings
-
-_SNAPSHOT_KEYS = {"states", "inputs", "weights", "counts"}
-_ITEM_BYTES = 8
-
-
-class Classification(NamedTuple):
-    """Answer to one presentation."""
-
-    state: int
-    """Number of the class, from 0 in order of birth; -1 if ``classify`` found none that fits."""
-    states: int
-    """Number of classes after this presentation."""
-    match: float
-    """||r|| (D.13) in [0, 1] of the class answered; where none fits, of the best one, or 0 if there is no class."""
-    new: bool
-    """Whether this presentation made the class."""
-
-
-class ClassifierFullError(Exception):
-    """An input fits no class, all are taken, and ``when_full`` is "refuse". Nothing was learnt."""
+from services.wire.plugins import Classification, ClassifierFullError
 
 
 class Art2:
@@ -87,6 +67,11 @@ class Art2:
     def states(self) -> int:
         """Number of classes."""
         return self._states
+
+    @property
+    def encoding(self) -> str:
+        """What the prototypes' components are: "odd" or "split"."""
+        return self._settings.encoding
 
     @property
     def prototypes(self) -> NDArray[np.float64]:
@@ -133,15 +118,9 @@ class Art2:
     def snapshot(self) -> dict[str, bytes | int]:
         """Everything needed to go on: ``restore`` on a network with the same settings continues bit for bit.
 
-        ``states`` and ``inputs`` are the shape of ``weights`` (little-endian float64, row by row); ``counts`` is
-        little-endian int64. Activities are not part of it, as every presentation starts from rest.
+        Activities are not part of it, as every presentation starts from rest.
         """
-        return {
-            "states": self._states,
-            "inputs": self._weights.shape[1],
-            "weights": self.prototypes.astype("<f8").tobytes(),
-            "counts": self.counts.astype("<i8").tobytes(),
-        }
+        return memory.pack(self.prototypes, self.counts)
 
     def restore(self, snapshot: Mapping[str, object]) -> None:
         """Take over a snapshot in place of what was learnt.
@@ -151,7 +130,15 @@ class Art2:
                 weights that are not finite or that no presentation can have led to, a count below 1. The network
                 stays as it was.
         """
-        weights, counts = _checked(snapshot, self._weights.shape, 1 / (1 - self._parameters[3]))
+        weights, counts = memory.unpack(snapshot, (self._settings.capacity, self._weights.shape[1]), "ART2")
+        longest = 1 / (1 - self._parameters[3])
+        with np.errstate(over="ignore"):  # what overflows is too long
+            norms = np.sqrt((weights * weights).sum(axis=1))
+        # 1e-9: room for rounding in u, whose norm is at most 1 otherwise.
+        if not ((norms > 0) & (norms <= longest * (1 + 1e-9))).all():
+            raise ValueError(
+                f"ART2 snapshot weights: expected norms above 0 and up to 1/(1-d) = {longest:g}, got {norms}"
+            )
         self._states = len(counts)
         self._weights[:] = 0.0
         self._weights[: self._states] = weights
@@ -159,10 +146,8 @@ class Art2:
         self._counts[: self._states] = counts
 
     def digest(self) -> str:
-        """SHA-256 in hex over number of classes (int64), weights (float64) and counts (int64), all little-endian."""
-        states = self._states.to_bytes(_ITEM_BYTES, "little")
-        weights, counts = self.prototypes.astype("<f8").tobytes(), self.counts.astype("<i8").tobytes()
-        return hashlib.sha256(states + weights + counts).hexdigest()
+        """SHA-256 in hex of the classes, see ``memory.digest``."""
+        return memory.digest(self.prototypes, self.counts)
 
     def _search(self, force_n: Sequence[float], torque_nm: Sequence[float]) -> tuple[int, int, float]:
         """Encode and present one vector; leaves F0 and F1 settled. Returns as ``kernel.search``, never SILENT."""
@@ -184,43 +169,3 @@ class Art2:
                 f"its best match is {match:.4f} with class {nearest}, vigilance {self._settings.rho}"
             )
         return Classification(nearest, self._states, match, False)
-
-
-def _checked(
-    snapshot: Mapping[str, object], shape: tuple[int, ...], longest: float
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Weights (states, inputs) and counts (states,) of a snapshot, or ValueError.
-
-    Args:
-        snapshot: as from ``Art2.snapshot``.
-        shape: (capacity, inputs) of the network that is to take it.
-        longest: largest norm that learning can give a prototype, 1/(1-d).
-    """
-    if set(snapshot) != _SNAPSHOT_KEYS:
-        raise ValueError(f"ART2 snapshot: expected keys {sorted(_SNAPSHOT_KEYS)}, got {sorted(map(str, snapshot))}")
-    capacity, inputs = shape
-    states = snapshot["states"]
-    if type(states) is not int or not 0 <= states <= capacity:
-        raise ValueError(f"ART2 snapshot states: expected an integer from 0 to {capacity} (capacity), got {states!r}")
-    if type(snapshot["inputs"]) is not int or snapshot["inputs"] != inputs:
-        raise ValueError(f"ART2 snapshot inputs: expected {inputs}, as the encoding has, got {snapshot['inputs']!r}")
-    weights = np.frombuffer(_bytes_of(snapshot, "weights", states * inputs), dtype="<f8").reshape(states, inputs)
-    counts = np.frombuffer(_bytes_of(snapshot, "counts", states), dtype="<i8")
-    if not np.isfinite(weights).all():
-        raise ValueError("ART2 snapshot weights: expected finite numbers, got some that are not")
-    norms = np.sqrt((weights * weights).sum(axis=1))
-    # 1e-9: room for rounding in u, whose norm is at most 1 otherwise.
-    if not ((norms > 0) & (norms <= longest * (1 + 1e-9))).all():
-        raise ValueError(f"ART2 snapshot weights: expected norms above 0 and up to 1/(1-d) = {longest:g}, got {norms}")
-    if not (counts >= 1).all():
-        raise ValueError(f"ART2 snapshot counts: expected at least 1 for each class, got {counts.tolist()}")
-    return weights.astype(np.float64), counts.astype(np.int64)
-
-
-def _bytes_of(snapshot: Mapping[str, object], key: str, items: int) -> bytes:
-    """The bytes under a key, which must hold that many eight-byte items."""
-    value = snapshot[key]
-    if not isinstance(value, bytes) or len(value) != items * _ITEM_BYTES:
-        got = f"{len(value)} bytes" if isinstance(value, bytes) else type(value).__name__
-        raise ValueError(f"ART2 snapshot {key}: expected {items * _ITEM_BYTES} bytes, got {got}")
-    return value

@@ -7,18 +7,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from services.classifier.art2 import Art2, ClassifierFullError
-from services.wire.definition import Definition
+from services.classifier.art2 import Art2
+from services.wire import plugins
+from services.wire.definition import Art2Settings, ClassifierSettings, Definition
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
 from services.wire.messages import JournalEpisode, Observation, Skill, State
 from services.wire.place import split_place, with_place
+from services.wire.plugins import Classifier, ClassifierFullError
+
+
+def classifier_of(settings: ClassifierSettings) -> Classifier:
+    """Return a classifier that has learnt nothing. Raises ValueError, or PluginError for one of another package."""
+    return Art2(settings) if isinstance(settings, Art2Settings) else plugins.classifier(settings)
 
 
 class ClassifierFold:
-    """ART2 with a place in the run: what was seen before is answered again and not learnt twice."""
+    """A classifier with a place in the run: what was seen before is answered again and not learnt twice."""
 
     def __init__(self, definition: Definition, run: str) -> None:
-        self.art2 = Art2(definition.classifier)
+        self.network = classifier_of(definition.classifier)
         self.run = run
         self.decisions = 0
         """Observations folded so far: the decision number that comes next."""
@@ -41,7 +48,7 @@ class ClassifierFold:
         if observation.episode < self.episode:
             raise DivergedError(f"observation: expected episode {self.episode} or later, got {observation.episode}")
         try:
-            found = self.art2.learn(observation.force_n, observation.torque_nm)
+            found = self.network.learn(observation.force_n, observation.torque_nm)
         except (ValueError, ClassifierFullError) as error:
             raise UnusableError(f"observation: decision {observation.decision}: {error}") from error
         if observation.episode > self.episode:
@@ -81,11 +88,11 @@ class ClassifierFold:
 
     def begin_with(self, skill: Skill) -> None:
         """Take over what was learnt in another run, before this one's first decision. Raises ValueError."""
-        self.art2.restore(skill.classifier)
+        self.network.restore(skill.classifier)
 
     def learnt(self) -> dict[str, bytes | int]:
         """Return what was learnt, without the place in the run."""
-        return self.art2.snapshot()
+        return self.network.snapshot()
 
     def snapshot(self) -> dict[str, bytes | int]:
         """Return the memory, to be taken between episodes."""
@@ -94,7 +101,7 @@ class ClassifierFold:
     def restore(self, snapshot: Mapping[str, bytes | int]) -> None:
         """Take over a memory. Raises ValueError, with nothing changed, when it does not fit."""
         memory, decisions, episode = split_place(snapshot, "classifier")
-        self.art2.restore(memory)
+        self.network.restore(memory)
         self.decisions, self.episode = decisions, episode
         self._answers.clear()
 

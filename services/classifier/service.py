@@ -48,11 +48,11 @@ def states(worker: Worker[ClassifierFold]) -> ClassifierStates:
     return ClassifierStates(
         run=fold.run,
         decisions=fold.decisions,
-        states=fold.art2.states,
-        encoding=worker.experiment.definition.classifier.encoding,
-        prototypes=tuple(tuple(row) for row in fold.art2.prototypes.tolist()),
-        counts=tuple(fold.art2.counts.tolist()),
-        digest=fold.art2.digest(),
+        states=fold.network.states,
+        encoding=fold.network.encoding,
+        prototypes=tuple(tuple(row) for row in fold.network.prototypes.tolist()),
+        counts=tuple(fold.network.counts.tolist()),
+        digest=fold.network.digest(),
     )
 
 
@@ -61,7 +61,7 @@ def classified(worker: Worker[ClassifierFold], request: Request) -> Classified:
     fold = worker.fold
     force_n, torque_nm = ft_vector(request.parameters.get("ft", ""))
     try:
-        found = fold.art2.classify(force_n, torque_nm)
+        found = fold.network.classify(force_n, torque_nm)
     except ValueError as error:
         raise BadPayloadError(f"ft: {error}") from error
     state = found.state if found.state >= 0 else None

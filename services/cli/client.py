@@ -17,7 +17,7 @@ from services.wire.errors import ContractError, NoAnswerError, RefusedError, Wro
 from services.wire.keys import ROOT, Keys
 from services.wire.messages import Message, Refusal
 from services.wire.service import Options
-from services.wire.session import open_client
+from services.wire.session import come_after, open_client
 
 M = TypeVar("M", bound=Message)
 
@@ -147,6 +147,7 @@ class Client:
                 found.append(reply.ok)
             elif reply.err is not None:
                 refusals.append(_refusal(reply.err, timeout_s))
+        come_after(self.session, found)
         return sorted(found, key=lambda sample: str(sample.key_expr)), refusals
 
 

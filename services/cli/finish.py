@@ -42,17 +42,24 @@ def finish(client: Client, ended: EndedRun, out: Path, mind: Callable[[], None],
 
     Raises CellError when the store's journal or the workers' memory does not become complete.
     """
-    definition, seed = ended.definition, ended.seed
+    definition, result = ended.definition, result_of(client, ended, mind)
+    results = summary(definition, definition_sha256(definition), [result])
+    write(out, definition, results, [result], figures(definition.name, {result.seed: result.episodes}))
+    _print(results["runs"][0], definition.name)
+    say(f"results in {out}: summary.json, episodes.csv, return.png, force.png, torque.png, failures.png")
+
+
+def result_of(client: Client, ended: EndedRun, mind: Callable[[], None]) -> RunResult:
+    """Return what a finished run left, checked to be complete; ``mind`` is called while waiting.
+
+    Raises CellError when the store's journal or the workers' memory does not become complete.
+    """
     episodes = _settled(lambda: _episodes(client, ended.run, ended.episodes), mind)
     decisions = sum(summary.decisions for summary in episodes)
     q_digest, art2_digest = _settled(lambda: _digests(client, ended, decisions), mind)
-    result = RunResult(
-        seed, episodes, {"q_table": q_digest, "art2": art2_digest, "episodes": episodes_digest(episodes)}
+    return RunResult(
+        ended.seed, episodes, {"q_table": q_digest, "art2": art2_digest, "episodes": episodes_digest(episodes)}
     )
-    results = summary(definition, definition_sha256(definition), [result])
-    write(out, definition, results, [result], figures(definition.name, {seed: episodes}))
-    _print(results["runs"][0], definition.name)
-    say(f"results in {out}: summary.json, episodes.csv, return.png, force.png, torque.png, failures.png")
 
 
 def _settled(attempt: Callable[[], T], mind: Callable[[], None]) -> T:

@@ -36,6 +36,9 @@ COMMANDS = {
 STUDIES = {
     "experiment": ("experiments", "run an experiment in one process, without Zenoh"),
     "bench": ("experiments.bench", "measure speed on this machine"),
+    "replay": ("experiments.replay_command", "rebuild a run's memory and log from its journal, and compare"),
+    "diff": ("experiments.diff_command", "say where two runs part"),
+    "chaos": ("experiments.chaos", "kill and disturb a cell while it learns, and compare it with one left in peace"),
     "reproduce": ("experiments.reproduce", "compute the thesis's tables and figures anew, as one page"),
     "oracle": ("experiments.oracle", "search the best insertion with full knowledge of the pose"),
 }

@@ -7,7 +7,7 @@ import socket
 from dataclasses import dataclass
 from pathlib import Path
 
-from services.wire import ports
+from services.wire import plugins, ports
 from services.wire import skill as skill_file
 from services.wire.access import OPERATOR, ROUTER
 from services.wire.definition import Definition
@@ -94,6 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def plan_of(arguments: argparse.Namespace) -> Plan:
     """Return what parsed arguments ask for, checked. Raises TreenailError."""
     definition = load(arguments.experiment, arguments.set)
+    plugins.check(definition)
     episodes = definition.episodes if arguments.episodes is None else arguments.episodes
     check_run(arguments.seed, episodes)
     Keys(arguments.cell)

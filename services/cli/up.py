@@ -80,7 +80,8 @@ def _prepare(plan: Plan) -> None:
         raise CellError(f"--out {plan.out}: cannot hold a run: {error.strerror}") from error
 
 
-def _start(plan: Plan, supervisor: Supervisor, mind: Callable[[], None]) -> None:
+def start_services(plan: Plan, supervisor: Supervisor, mind: Callable[[], None]) -> None:
+    """Start all that a planned cell needs; ``mind`` is called while waiting for router and store."""
     arguments = plan.arguments
     cell = ("--cell", arguments.cell, "--connect", plan.endpoint)
     experiment = find(arguments.experiment)
@@ -105,7 +106,7 @@ def _run(plan: Plan, supervisor: Supervisor, reporter: Reporter, progress: Progr
         reporter.say(f"watch it live: rerun {plan.viewer.url}")
     if plan.viewer is not None and plan.viewer.page is not None:
         reporter.say(f"or in a browser: {plan.viewer.page}")
-    _start(plan, supervisor, mind)
+    start_services(plan, supervisor, mind)
     with _client(plan, mind) as client:
         arrived: queue.SimpleQueue[EpisodeSummary] = queue.SimpleQueue()
         client.subscribe(EPISODE, EpisodeSummary, arrived.put)

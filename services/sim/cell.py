@@ -2,19 +2,20 @@
 
 What a motion gives depends on the definition, the seed, the episode's start pose and its motions so far, and on
 nothing else: a cell that was killed is brought back by the same ``home`` and the same motions.
+
+The simulator is its own sensor, so what can fail of it is the physics: a load that is no number is a sensor lost, and
+nothing but ``home`` is taken then.
 """
 
 from __future__ import annotations
 
-import math
-
 from services.sim.arm import Arm
-from services.sim.guard import Guard
 from services.sim.pose import Pose
 from services.sim.world import Reading, World
 from services.wire.actions import Increment
 from services.wire.definition import Definition
 from services.wire.errors import RefusedError
+from services.wire.guard import Guard, increment_of
 from services.wire.messages import Force, FtPacket, Home, Move, Moved, Torque
 from services.wire.randomness import Role, generator
 
@@ -58,11 +59,13 @@ class SimulatedCell:
     def home(self, home: Home) -> tuple[Moved, FtPacket]:
         """Put the peg at the start pose of an episode, to the arm's error; may be called at any time.
 
-        Raises OtherRunError.
+        Raises OtherRunError, and GuardError for a pose that no episode begins with or a sensor that is lost.
         """
         self._check_run(home.run)
+        self._allow(self._guard.homing(home))
         pose = Pose.from_tilt(home.x_mm, home.y_mm, home.z_mm, home.rx_deg, home.ry_deg, home.rz_deg)
         reading = self.world.home(pose.moved(self._arm.executed(Increment(), home.episode, 0)))
+        self._guard.homed(home)
         return self._remember(home, self._felt(home.episode, 0, Increment(), reading))
 
     def move(self, move: Move) -> tuple[Moved, FtPacket]:
@@ -71,28 +74,36 @@ class SimulatedCell:
         The answer is the motion as the arm believes it was made; its true error shows only in the forces.
 
         Raises OutOfOrderError for any other step, GuardError for a motion beyond the limits, OtherRunError for
-        another run; nothing moves then.
+        another run; nothing moves then. Raises GuardError also when the sensor is lost in the motion, and from then on.
         """
         self._check_run(move.run)
         if self._answer is not None and move == self._last:
+            self._allow(self._guard.sensing(self._answer[1], 0.0))
             return self._answer
         done, packet = self._answer or (None, None)
         if done is None or packet is None or (move.episode, move.step) != (done.episode, done.step + 1):
             at = "not homed" if done is None else f"at episode {done.episode}, step {done.step}"
             raise OutOfOrderError(f"move: cannot make step {move.step} of episode {move.episode}: the robot is {at}")
-        complaint = self._guard.complaint(move, math.hypot(*packet.force_n[-1]))
-        if complaint is not None:
-            raise GuardError(complaint)
-        increment = Increment(move.dx_mm, move.dy_mm, move.dz_mm, move.rx_deg, move.ry_deg, move.rz_deg)
+        # Simulated time stands still between motions, so that the sample is as old as the end of the last one.
+        self._allow(self._guard.moving(move, packet, (done.arrived_t_ns - packet.t_ns) * 1e-9))
+        increment = increment_of(move)
         reading = self.world.move(self._arm.executed(increment, move.episode, move.step))
-        return self._remember(move, self._felt(move.episode, move.step, increment, reading))
+        answer = self._felt(move.episode, move.step, increment, reading)
+        self._guard.moved(answer[0])
+        return self._remember(move, answer)
 
     def _check_run(self, run: str) -> None:
         if run != self._run:
             raise OtherRunError(f"robot: this cell runs {self._run}, got a motion of run {run}")
 
+    def _allow(self, complaint: str | None) -> None:
+        if complaint is not None:
+            raise GuardError(complaint)
+
     def _remember(self, request: Home | Move, answer: tuple[Moved, FtPacket]) -> tuple[Moved, FtPacket]:
+        """Keep what was answered, and refuse to answer with what no sensor can read."""
         self._last, self._answer = request, answer
+        self._allow(self._guard.sensing(answer[1], 0.0))
         return answer
 
     def _felt(self, episode: int, step: int, applied: Increment, reading: Reading) -> tuple[Moved, FtPacket]:

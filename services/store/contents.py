@@ -9,6 +9,7 @@ from services.wire.errors import BadPayloadError
 from services.wire.keys import LATEST, SKILL
 from services.wire.messages import Checkpoint, JournalEpisode, RunRecord
 from services.wire.skill import decode as decode_skill
+from services.wire.text import one_line
 
 _CHECKPOINT = re.compile(r"checkpoint/([^/]+)/([^/]+)/([0-9]{8}|latest)")
 _EPISODE = re.compile(r"journal/([^/]+)/(?:[0-9]{6}/([0-9]{8})|latest)")
@@ -31,7 +32,7 @@ def check(name: str, payload: bytes, encoding: str) -> None:
         _same(name, found[1], entry.run)
         _same(name, found[2] or "latest", f"{entry.episode:08d}")
         if entry.summary is None:
-            raise BadPayloadError(f"{name}: expected a finished episode, got one under way")
+            raise BadPayloadError(f"{one_line(name)}: expected a finished episode, got one under way")
     elif found := _RUN.fullmatch(name):
         _same(name, found[1], decode(RunRecord, payload, encoding).run)
     elif found := _SKILL.fullmatch(name):
@@ -40,4 +41,5 @@ def check(name: str, payload: bytes, encoding: str) -> None:
 
 def _same(name: str, in_key: str, in_payload: str) -> None:
     if in_key not in (in_payload, LATEST):
-        raise BadPayloadError(f"{name}: expected a payload that says {in_key!r}, got {in_payload!r}")
+        expected = f"expected a payload that says {one_line(in_key)!r}"
+        raise BadPayloadError(f"{one_line(name)}: {expected}, got {in_payload!r}")

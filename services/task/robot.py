@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 from services.wire.keys import FT, HOME, MOVE
 from services.wire.messages import FtPacket, Home, Move, Moved, Refusal
 from services.wire.service import Service
 
 FELT_WITHIN_S = 0.5
 RETRY_S = 0.05
+KEPT = 64
+"""Packets that are kept to find the one of a motion among."""
 
 
 class Robot:
@@ -18,7 +22,8 @@ class Robot:
         self._ask_home = service.asker(HOME, Moved)
         self._ask_move = service.asker(MOVE, Moved)
         self._motions: list[Home | Move] = []
-        self._felt: FtPacket | None = None
+        self._felt: deque[FtPacket] = deque(maxlen=KEPT)
+        """The newest packets since a motion was asked for."""
         service.subscribe(FT, FtPacket, self._on_ft, "sim", "sensor_jr3")
 
     def go(self, motion: Home | Move) -> tuple[Moved, FtPacket] | None:
@@ -48,14 +53,15 @@ class Robot:
             service.phase = f"stopped: {answer.message}"[:200]
             return None
         arrived = answer.arrived_t_ns
-        if not service.work_until(lambda: self._felt is not None and self._felt.t_ns >= arrived, FELT_WITHIN_S):
+        service.work_until(lambda: self._felt_after(arrived) is not None, FELT_WITHIN_S)
+        packet = self._felt_after(arrived)
+        if packet is None:
             service.phase = "waiting for sensor (no F/T sample after a motion)"
             return None
-        assert self._felt is not None
-        return answer, self._felt
+        return answer, packet
 
     def _ask(self, motion: Home | Move) -> Moved | Refusal | None:
-        self._felt = None
+        self._felt.clear()
         return self._ask_home(motion) if isinstance(motion, Home) else self._ask_move(motion)
 
     def _bring_back(self) -> bool:
@@ -63,5 +69,16 @@ class Robot:
         self._service.log.warning("robot lost its place: repeating %d motions", len(self._motions) - 1)
         return all(isinstance(self._ask(motion), Moved) for motion in self._motions[:-1])
 
+    def _felt_after(self, arrived_t_ns: int) -> FtPacket | None:
+        """Return the newest packet that a motion shows in, or None so far.
+
+        A sample that is not one of a stream is the simulator's, of one motion, and has the time of its end. One of a
+        later time is then not news but late: it was sent before we were started again and began the episode anew.
+        """
+        for packet in reversed(self._felt):
+            if packet.t_ns == arrived_t_ns or (packet.period_ns and packet.t_ns > arrived_t_ns):
+                return packet
+        return None
+
     def _on_ft(self, packet: FtPacket) -> None:
-        self._felt = packet
+        self._felt.append(packet)

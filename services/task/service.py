@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import time
+from functools import partial
+
 from services.task.robot import Robot
 from services.task.run import TaskRun
 from services.task.skills import Skills
 from services.wire.definition import Definition
 from services.wire.errors import DivergedError, ForeignRunError, GapError
 from services.wire.keys import ACTION, EPISODE, EXPERIMENT, OBSERVATION, REWARD, TASK_STEPS
-from services.wire.messages import Action, EpisodeSummary, Home, Move, Observation, Reward
-from services.wire.service import Options, Service
+from services.wire.messages import Action, Alive, EpisodeSummary, Home, Move, Observation, Reward
+from services.wire.service import HEARTBEAT_S, Options, Service
+from services.wire.worker import NO_MEMORY
 
+WORKERS = ("classifier", "agent")
 REPEAT_S = 1.0
 """An observation that nobody has acted on is published again after this; it is sooner when a worker comes alive."""
 
@@ -46,10 +51,14 @@ class TaskShell:
         self._publish_episode = service.publisher(EPISODE, EpisodeSummary)
         self._alive: set[str] = set()
         self._came = False
+        self._blank_until: dict[str, float] = {}
+        """Workers without a memory, and until when that is believed without another heartbeat [s]."""
         self._asked: Observation | None = None
         """The observation that was published last, and in ``_action`` the answer to it."""
         self._action: Action | None = None
         service.subscribe(ACTION, Action, self._on_action, "agent")
+        for name in WORKERS:
+            service.subscribe(f"heartbeat/{name}", Alive, partial(self._on_worker, name), name)
 
     def resume(self) -> bool:
         """Find out which run it is and where it stands, and say so; False when stopped meanwhile.
@@ -82,6 +91,9 @@ class TaskShell:
         if not run.resume():
             return False
         self._now, self._asked, self._action = run, None, None
+        # What an earlier process of this run has seen counts as well.
+        steps = () if run.newest is None else run.newest.steps
+        run.version = max([run.version, *(step.policy_version or 0 for step in steps)])
         self._service.run, self._service.phase = run.name, "running"
         return True
 
@@ -147,12 +159,24 @@ class TaskShell:
             if self._action is not None:
                 service.phase = "running"
                 return self._action
-            missing = sorted({"classifier", "agent"} - self._alive)
-            service.phase = f"waiting for {' and '.join(missing) or 'classifier or agent (no action)'}"
+            service.phase = f"waiting for {self._missing()}"
             service.complain(service.phase)
             if self._now.last_reward is not None:
                 self._publish_reward(self._now.last_reward)
         return None
+
+    def _missing(self) -> str:
+        """Return who keeps an observation from being acted on, and why as far as they have said so."""
+        now = time.monotonic()
+        blank = {name for name, until in self._blank_until.items() if now < until}
+        missing = [name for name in WORKERS if name in blank or name not in self._alive]
+        words = [f"{name} (no checkpoint)" if name in blank else name for name in sorted(missing)]
+        return " and ".join(words) or "classifier or agent (no action)"
+
+    def _on_worker(self, name: str, worker: Alive) -> None:
+        """Note whether a worker says that it has no memory to work with; what it says holds for three heartbeats."""
+        blank = worker.phase.startswith(NO_MEMORY)
+        self._blank_until[name] = time.monotonic() + 3.0 * HEARTBEAT_S if blank else 0.0
 
     def _on_action(self, action: Action) -> None:
         now = self._now

@@ -14,6 +14,7 @@ from zenoh.handlers import Callback
 from services.wire.codec import decode, encode, encode_json, encoding_of
 from services.wire.errors import BadPayloadError, RefusedError, TreenailError
 from services.wire.messages import Force, Message, Reason, Refusal, Torque
+from services.wire.text import one_line
 
 M = TypeVar("M", bound=Message)
 
@@ -54,7 +55,7 @@ class Asked:
         """Return what is asked. Raises BadPayloadError for a parameter that nobody would read."""
         query, parameters = self._query, parameters_of(self._query)
         self._as_json = wants_json(parameters.pop("format", "msgpack"))
-        _check_parameters(parameters, self._allowed)
+        check_parameters(parameters, self._allowed)
         payload = b"" if query.payload is None else query.payload.to_bytes()
         return Request(parameters, payload, "" if query.encoding is None else str(query.encoding))
 
@@ -68,7 +69,7 @@ class Asked:
     def refuse(self, error: TreenailError) -> None:
         """Answer with why not."""
         if self.open:
-            body = self._body(Refusal(reason=_reason(error), message=str(error)[:1000]))
+            body = self._body(Refusal(reason=_reason(error), message=one_line(str(error), 1000)))
             with self._last():
                 self._query.reply_err(body, encoding=self._encoding(Refusal))
 
@@ -156,7 +157,12 @@ def ft_vector(text: str) -> tuple[Force, Torque]:
 
 def parameters_of(query: zenoh.Query) -> dict[str, str]:
     """Return the parameters after the ``?`` of a query's selector."""
-    pairs = (part.partition("=") for part in str(query.parameters).split(";") if part)
+    return parameters_in(str(query.parameters))
+
+
+def parameters_in(text: str) -> dict[str, str]:
+    """Return the parameters in what stands after a selector's ``?``; of one given twice, the last."""
+    pairs = (part.partition("=") for part in text.split(";") if part)
     return {name: value for name, _, value in pairs}
 
 
@@ -167,7 +173,7 @@ def wants_json(form: str) -> bool:
     return form == "json"
 
 
-def _check_parameters(parameters: Mapping[str, str], allowed: tuple[str, ...]) -> None:
+def check_parameters(parameters: Mapping[str, str], allowed: tuple[str, ...]) -> None:
     """Raise BadPayloadError for a parameter that nobody would read; names with ``_`` in front are Zenoh's own."""
     for name in parameters:
         if name not in allowed and not name.startswith("_"):

@@ -10,6 +10,7 @@ straight and centred on the mouth.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
@@ -21,6 +22,7 @@ Fraction = Annotated[float, Meta(ge=0, le=1)]
 OffsetMm = Annotated[float, Meta(ge=-20, le=20)]
 AngleDeg = Annotated[float, Meta(ge=-20, le=20)]
 StepSize = Annotated[float, Meta(gt=0, le=2)]
+Setting = bool | int | Finite | Annotated[str, Meta(max_length=1000)]
 
 
 class _Checked(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -116,7 +118,13 @@ class Limits(_Checked, frozen=True, kw_only=True):
     collision_force_n: Annotated[float, Meta(gt=0, le=1000)] = 10.0
     """At or above this force the episode ends as a collision (thesis Table B.1)."""
     hard_force_n: Annotated[float, Meta(gt=0, le=10000)] = 20.0
-    """Above this force the robot's own guard refuses every further move (thesis 5.3)."""
+    """Force that no move may reach: the guard beside the robot refuses what could lead above it (thesis 5.3)."""
+    deepest_mm: Annotated[float, Meta(ge=0, le=1000)] = 0.0
+    """How far below the mouth the guard lets +Z take the tip; 0 for the depth of success and one move more."""
+    workspace_mm: Annotated[float, Meta(ge=0, le=1000)] = 0.0
+    """How far from the start of an episode the guard lets the tip go; 0 for as far as ``move_limit`` moves can."""
+    workspace_deg: Annotated[float, Meta(ge=0, le=180)] = 0.0
+    """How far from its start the guard lets the peg be turned; 0 for as far as ``move_limit`` moves can."""
     success_fraction: Annotated[float, Meta(gt=0, le=1)] = 2 / 3
     """Part of the peg's height that must be below the mouth (conference paper 2)."""
     no_progress_moves: Annotated[int, Meta(ge=0, le=100000)] = 0
@@ -176,14 +184,31 @@ class Art2Settings(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="a
     """What an input that fits no class gets when all are taken: the best matching class, unlearnt, or an error."""
 
 
-class LearnerSettings(_Checked, frozen=True, kw_only=True):
-    """One-step temporal-difference learner (thesis eqs. 4.4 and 4.5)."""
+class QLearning(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="q_learning"):
+    """One-step Q-learning (thesis eq. 4.4)."""
 
-    kind: Literal["q_learning", "sarsa"] = "q_learning"
     alpha: Annotated[float, Meta(gt=0, le=1)] = 0.3
     """Learning rate."""
     gamma: Fraction = 0.95
     """Discount factor."""
+
+
+class Sarsa(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="sarsa"):
+    """One-step SARSA (thesis eq. 4.5)."""
+
+    alpha: Annotated[float, Meta(gt=0, le=1)] = 0.3
+    """Learning rate."""
+    gamma: Fraction = 0.95
+    """Discount factor."""
+
+
+class Plugin(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="plugin"):
+    """A classifier or learner that an installed package registers by entry point (docs/extending.md)."""
+
+    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}\Z")]
+    """The entry point's name, in the group ``treenail.classifiers`` or ``treenail.learners``."""
+    settings: Annotated[dict[str, Setting], Meta(max_length=100)] = {}
+    """Whatever it is to be told; it says itself what it takes."""
 
 
 class Greedy(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="greedy"):
@@ -210,6 +235,11 @@ class Softmax(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="softma
 
 
 Reward = InsertionReward | ForceChangeReward
+ClassifierSettings = Art2Settings | Plugin
+TdSettings = QLearning | Sarsa
+LearnerSettings = TdSettings | Plugin
+TD_LEARNERS: Mapping[str, type[TdSettings]] = {"q_learning": QLearning, "sarsa": Sarsa}
+"""By their kind in a definition."""
 Policy = Greedy | EpsilonGreedy | EpsilonAnnealed | Softmax
 
 
@@ -231,6 +261,6 @@ class Definition(_Checked, frozen=True, kw_only=True):
     moves: Moves = Moves()
     limits: Limits = Limits()
     reward: Reward = InsertionReward()
-    classifier: Art2Settings = Art2Settings()
-    learner: LearnerSettings = LearnerSettings()
+    classifier: ClassifierSettings = Art2Settings()
+    learner: LearnerSettings = QLearning()
     policy: Policy = Softmax()

@@ -11,21 +11,28 @@ import math
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
 from typing import get_args, get_type_hints
 
 import msgspec
 
-from services.wire.definition import Definition
+from services.wire.definition import Art2Settings, Definition
 from services.wire.errors import DefinitionError, TreenailError
+from services.wire.guard import obstruction
 from services.wire.randomness import MAX_SEED
+from services.wire.text import one_line
 
 _TABLE = re.compile(r"^\s*\[([A-Za-z0-9_.\s]+)\]")
 _KEY = re.compile(r"^\s*([A-Za-z0-9_.]+)\s*=")
 _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<path>[^`]*)`)?$", re.DOTALL)
 _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
-_MAX_FILE_BYTES = 1_000_000
+_MAX_FILE_BYTES = 65_536
+_USUAL_KINDS = {"classifier": "art2", "learner": "q_learning"}
+"""What these tables are when they do not say so."""
+_MAX_LINE = 1000
+"""Characters of a line. Python's TOML reader takes time with the square of a dotted key's parts."""
 _SOFTEST_N_PER_MM = 1.0
 """A peg softer than this sinks into the material instead of touching it."""
 
@@ -42,48 +49,63 @@ def find(name_or_path: str) -> Path:
     if name_or_path in known:
         return known[name_or_path]
     path = Path(name_or_path)
-    if path.is_file():
-        return path
+    with suppress(OSError):  # a name that is too long for a file
+        if path.is_file():
+            return path
     close = difflib.get_close_matches(name_or_path, known, n=1)
     hint = f"; did you mean {close[0]!r}?" if close else ""
-    raise DefinitionError(
-        f"experiment: expected one of {', '.join(known)} or a TOML file, got {name_or_path!r}, which is neither{hint}"
-    )
+    got = f"{one_line(name_or_path)!r}, which is neither{hint}"
+    raise DefinitionError(f"experiment: expected one of {', '.join(known)} or a TOML file, got {got}")
 
 
 def load(name_or_path: str, overrides: Iterable[str] = ()) -> Definition:
     """Return the checked definition of a name or file, with overrides such as ``start.x_mm=2.0`` applied."""
     path = find(name_or_path)
     try:
-        raw = path.read_bytes()
+        size = path.stat().st_size
+        if size > _MAX_FILE_BYTES:
+            raise DefinitionError(f"{path}: expected at most {_MAX_FILE_BYTES} bytes, got {size}")
+        return parse(path.read_bytes(), str(path), overrides)
     except OSError as error:
         raise DefinitionError(f"{path}: cannot be read: {error.strerror}") from error
-    if len(raw) > _MAX_FILE_BYTES:
-        raise DefinitionError(f"{path}: expected at most {_MAX_FILE_BYTES} bytes, got {len(raw)}")
+
+
+def parse(raw: bytes, source: str, overrides: Iterable[str] = ()) -> Definition:
+    """Return the checked definition in the bytes of a TOML file; ``source`` names it in errors."""
     try:
         text = raw.decode("utf-8")
-        fields = tomllib.loads(text)
     except UnicodeDecodeError as error:
-        raise DefinitionError(f"{path}: expected UTF-8 text: {error}") from error
-    except tomllib.TOMLDecodeError as error:
-        raise DefinitionError(f"{path}: not valid TOML: {error}") from error
-    places = {key: f"{path}:{line}" for key, line in _lines(text).items()}
+        raise DefinitionError(f"{source}: expected UTF-8 text: {error}") from error
+    fields = _toml(text, source)
+    places = {key: f"{source}:{line}" for key, line in _lines(text).items()}
     for override in overrides:
         key = _apply(fields, override)
         for end in _ends(key):
             if key[:end] not in places or end == len(key):
-                places[key[:end]] = f"--set {override}"
-    return check(fields, places, str(path))
+                places[key[:end]] = _said(override)
+    return check(fields, places, source)
 
 
 def check(fields: Mapping[str, object], places: Mapping[str, str], source: str) -> Definition:
     """Return the definition in ``fields``; ``places`` says where each dotted key stands, for the error."""
     try:
-        definition = msgspec.convert(fields, Definition)
+        definition = msgspec.convert(_with_kinds(fields), Definition)
     except msgspec.ValidationError as error:
-        raise DefinitionError(_explain(str(error), fields, places, source)) from None
-    _check_together(definition, places, source)
+        raise DefinitionError(one_line(_explain(str(error), fields, places, source), 1000)) from None
+    if found := contradiction(definition):
+        key, complaint = found
+        raise DefinitionError(f"{_place(key, places, source)}: {key}: {complaint}")
     return definition
+
+
+def _with_kinds(fields: Mapping[str, object]) -> dict[str, object]:
+    """Return fields with the kinds that need not be named."""
+    named = dict(fields)
+    for table, kind in _USUAL_KINDS.items():
+        values = named.get(table)
+        if isinstance(values, dict):
+            named[table] = {"kind": kind, **values}
+    return named
 
 
 def definition_sha256(definition: Definition) -> str:
@@ -112,10 +134,14 @@ def run_id_of(sha256: str, seed: int, skill_sha256: str | None = None) -> str:
     return f"{sha256[:16]}-s{seed}" + ("" if skill_sha256 is None else f"-k{skill_sha256[:16]}")
 
 
-def _check_together(definition: Definition, places: Mapping[str, str], source: str) -> None:
-    """Check what no single field can show."""
+def contradiction(definition: Definition) -> tuple[str, str] | None:
+    """Return a key whose value cannot be used beside the others, with what was expected and got; None for none.
+
+    It is what no single field can show: a definition without one can be simulated and learnt.
+    """
     parts, limits, classifier = definition.parts, definition.limits, definition.classifier
-    inputs = 6 if classifier.encoding == "odd" else 12
+    theta, encoding = (classifier.theta, classifier.encoding) if isinstance(classifier, Art2Settings) else (0.0, "odd")
+    inputs = 6 if encoding == "odd" else 12
     height_mm, dip_mm = definition.start.height_mm, _dip_mm(definition)
     room_mm = parts.clearance_mm + parts.chamfer_mm - max(0.0, dip_mm - height_mm)
     stiffness = definition.contact.stiffness_n_per_mm
@@ -131,9 +157,9 @@ def _check_together(definition: Definition, places: Mapping[str, str], source: s
             f"expected more than limits.collision_force_n = {limits.collision_force_n}, got {limits.hard_force_n}",
         ),
         (
-            classifier.theta < 1 / math.sqrt(inputs),
+            theta < 1 / math.sqrt(inputs),
             "classifier.theta",
-            f"expected less than 1/sqrt({inputs}) with encoding {classifier.encoding!r}, got {classifier.theta}",
+            f"expected less than 1/sqrt({inputs}) with encoding {encoding!r}, got {theta}",
         ),
         (
             parts.clearance_mm < parts.peg_width_mm,
@@ -151,9 +177,7 @@ def _check_together(definition: Definition, places: Mapping[str, str], source: s
             f"expected 0 for a rigid peg or at least {_SOFTEST_N_PER_MM}, got {stiffness}",
         ),
     )
-    for holds, key, complaint in rules:
-        if not holds:
-            raise DefinitionError(f"{_place(key, places, source)}: {key}: {complaint}")
+    return next(((key, complaint) for holds, key, complaint in rules if not holds), None) or obstruction(definition)
 
 
 def _dip_mm(definition: Definition) -> float:
@@ -176,30 +200,51 @@ def _aside_mm(definition: Definition) -> float:
     return max(x_mm, y_mm) + parts.peg_width_mm / 2 * (math.cos(turn) + math.sin(turn) - 1.0)
 
 
+def _toml(text: str, source: str) -> dict[str, object]:
+    """Return what a TOML text says. Raises DefinitionError."""
+    longest = max(map(len, text.split("\n")))
+    if longest > _MAX_LINE:
+        raise DefinitionError(f"{source}: expected lines of at most {_MAX_LINE} characters, got one of {longest}")
+    try:
+        return tomllib.loads(text)
+    except ValueError as error:  # a number with too many digits is no TOMLDecodeError
+        raise DefinitionError(f"{source}: not valid TOML: {one_line(str(error))}") from error
+    except RecursionError as error:
+        raise DefinitionError(f"{source}: not valid TOML: nested too deeply") from error
+
+
 def _apply(fields: dict[str, object], override: str) -> str:
     """Set one dotted key to a TOML value (or a bare word) and return the key."""
+    said = _said(override)
     key, equals, value = override.partition("=")
     key = key.strip()
+    if len(override) > _MAX_LINE:
+        raise DefinitionError(f"{said}: expected at most {_MAX_LINE} characters, got {len(override)}")
     if not equals or not re.fullmatch(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*", key):
-        raise DefinitionError(f"--set {override}: expected key=value, such as start.x_mm=2.0")
+        raise DefinitionError(f"{said}: expected key=value, such as start.x_mm=2.0")
     try:
         values: dict[str, object] = tomllib.loads(f"value = {value}")
         if len(values) > 1:
-            raise DefinitionError(f"--set {override!r}: expected one value, got several lines")
+            raise DefinitionError(f"{said}: expected one value, got several lines")
         parsed = values["value"]
-    except tomllib.TOMLDecodeError:
+    except (ValueError, RecursionError):
         parsed = value.strip()
     *tables, last = key.split(".")
     node = fields
     for table in tables:
         child = node.setdefault(table, {})
         if not isinstance(child, dict):
-            raise DefinitionError(f"--set {override}: {table} is a value, not a table")
+            raise DefinitionError(f"{said}: {table} is a value, not a table")
         node = child
     if last == "kind" and node.get("kind") != parsed:
         node.clear()  # the settings of another kind do not carry over
     node[last] = parsed
     return key
+
+
+def _said(override: str) -> str:
+    """Return what was said on the command line, for errors."""
+    return f"--set {one_line(override)}"
 
 
 def _ends(key: str) -> list[int]:

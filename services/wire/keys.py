@@ -65,7 +65,7 @@ class Keys:
     def __init__(self, cell: str) -> None:
         """``cell``: 1 to 32 of a-z, 0-9, dash and underscore, beginning with a letter or digit."""
         if not _CELL.match(cell):
-            raise TreenailError(f"cell: expected 1 to 32 of a-z 0-9 - _, not beginning with - or _, got {cell!r}")
+            raise TreenailError(f"cell: expected 1 to 32 of a-z 0-9 - _, not beginning with - or _, got {cell[:40]!r}")
         self.cell = cell
 
     def of(self, name: str) -> str:

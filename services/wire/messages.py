@@ -36,6 +36,8 @@ class Message(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """Base of all messages; ``VERSION`` goes up when a type changes."""
 
     VERSION: ClassVar[int] = 1
+    LARGEST_BYTES: ClassVar[int] = 1 << 16
+    """A larger payload is refused unread: it cannot be honest, and reading it would cost its reader time and memory."""
 
 
 class LoopMessage(Message, frozen=True, kw_only=True):
@@ -182,7 +184,8 @@ class EpisodeSummary(Message, frozen=True, kw_only=True):
 class Experiment(Message, frozen=True, kw_only=True):
     """Reply to ``experiment``: what runs, and how far it is."""
 
-    VERSION: ClassVar[int] = 3
+    VERSION: ClassVar[int] = 4
+    LARGEST_BYTES: ClassVar[int] = 1 << 20
 
     run: RunId
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
@@ -202,6 +205,8 @@ class Experiment(Message, frozen=True, kw_only=True):
 
 class QTable(Message, frozen=True, kw_only=True):
     """Reply to ``agent/q_table``: one row a state, one column an action."""
+
+    LARGEST_BYTES: ClassVar[int] = 1 << 22
 
     run: RunId
     decisions: Count
@@ -236,6 +241,8 @@ class PolicyAnswer(Message, frozen=True, kw_only=True):
 class ClassifierStates(Message, frozen=True, kw_only=True):
     """Reply to ``classifier/states``: prototypes in the classifier's input encoding, presentations per class."""
 
+    LARGEST_BYTES: ClassVar[int] = 1 << 22
+
     run: RunId
     decisions: Count
     states: Count
@@ -259,7 +266,8 @@ class Classified(Message, frozen=True, kw_only=True):
 class RunRecord(Message, frozen=True, kw_only=True):
     """``journal/<run>/run``: what the run is; its presence proves that the store knows the run."""
 
-    VERSION: ClassVar[int] = 3
+    VERSION: ClassVar[int] = 4
+    LARGEST_BYTES: ClassVar[int] = 1 << 20
 
     run: RunId
     seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
@@ -284,6 +292,8 @@ class JournalStep(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 class JournalEpisode(Message, frozen=True, kw_only=True):
     """``journal/<run>/<block>/<episode>`` and ``task/steps``: all decisions of one episode, in order."""
 
+    LARGEST_BYTES: ClassVar[int] = 1 << 24
+
     run: RunId
     episode: Count
     first_decision: Count
@@ -294,6 +304,8 @@ class JournalEpisode(Message, frozen=True, kw_only=True):
 
 class Checkpoint(Message, frozen=True, kw_only=True):
     """``checkpoint/<run>/<service>/<episode>``: a worker's memory after all episodes before ``episode``."""
+
+    LARGEST_BYTES: ClassVar[int] = 1 << 24
 
     run: RunId
     service: ServiceName
@@ -309,7 +321,8 @@ class Skill(Message, frozen=True, kw_only=True):
     It is named by the SHA-256 of its encoded bytes.
     """
 
-    VERSION: ClassVar[int] = 2
+    VERSION: ClassVar[int] = 3
+    LARGEST_BYTES: ClassVar[int] = 1 << 24
 
     run: RunId
     """Where it was learnt."""

@@ -29,7 +29,8 @@ from services.wire.heartbeat import touch_heartbeat
 from services.wire.keys import Keys
 from services.wire.messages import Alive, Message, Refusal
 from services.wire.roles import Roles, take_role
-from services.wire.session import DEFAULT_ENDPOINT, open_client
+from services.wire.session import DEFAULT_ENDPOINT, come_after, open_client
+from services.wire.text import one_line
 from services.wire.version import version
 
 M = TypeVar("M", bound=Message)
@@ -276,7 +277,7 @@ class Service:
         topic = text if topic is None else topic
         if now - self._complained.get(topic, -_COMPLAINT_EVERY_S) >= _COMPLAINT_EVERY_S:
             self._complained[topic] = now
-            self.log.warning("%s", text)
+            self.log.warning("%s", one_line(text, 500))
 
     # -- what goes out -------------------------------------------------------------------------------------------
 
@@ -304,7 +305,9 @@ class Service:
     def fetch_samples(self, name: str, timeout_s: float = 1.0) -> list[zenoh.Sample]:
         """Ask a key expression and return the samples of all good answers, by key; blocks the loop."""
         replies = self.session.get(self.keys.of(name), timeout=timeout_s)
-        return sorted((reply.ok for reply in replies if reply.ok is not None), key=lambda sample: str(sample.key_expr))
+        samples = [reply.ok for reply in replies if reply.ok is not None]
+        come_after(self.session, samples)
+        return sorted(samples, key=lambda sample: str(sample.key_expr))
 
     def asker(self, name: str, kind: type[M], timeout_s: float = 2.0) -> Callable[[Message], M | Refusal | None]:
         """Return a function that asks a key and works on until the answer is here; None when nobody answered."""

@@ -5,15 +5,20 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 # Zenoh reads this once per process, before its first session. Fewer runtimes mean fewer wake-ups and so less latency,
 # but sending keeps a runtime of its own: a receiving thread that has to wait for room in the send queue would otherwise
-# wait for itself; see docs/decisions/0003-zenoh-runtime.md.
+# wait for itself; see docs/decisions/0003-zenoh-runtime.md. Sockets belong to that runtime too (net, acc), as it has to
+# hear when they can be written to again: a router without lost every message that was larger than their buffers.
 os.environ.setdefault(
-    "ZENOH_RUNTIME", "(rx: (handover: app), net: (handover: app), acc: (handover: app), tx: (worker_threads: 1))"
+    "ZENOH_RUNTIME", "(rx: (handover: app), net: (handover: tx), acc: (handover: tx), tx: (worker_threads: 1))"
 )
+# A timestamp says who sent a message. One that is further ahead of the own clock than this would be replaced by whoever
+# gets it, as if it were a message of his own: then a clock that jumps, or two machines half a second apart, would stop
+# the cell. Nothing here takes these timestamps for the time of day; they follow the clock that is furthest ahead.
+os.environ.setdefault("UHLC_MAX_DELTA_MS", str(100 * 366 * 24 * 3600 * 1000))
 
 import zenoh
 
@@ -111,6 +116,24 @@ def open_router(endpoints: Sequence[str], certs: Path | None = None) -> zenoh.Se
     except zenoh.ZError as error:
         where = ", ".join(endpoints)
         raise CellError(f"router: cannot listen on {where}: is the port taken? ({_brief(error)})") from None
+
+
+def come_after(session: zenoh.Session, samples: Iterable[zenoh.Sample]) -> None:
+    """See to it that a session's timestamps come after those of stored values, also when the clock was set back."""
+    newest = max((sample for sample in samples if sample.timestamp is not None), key=_time_of, default=None)
+    if newest is not None and _time_of(newest) >= _ntp64(session.new_timestamp()):
+        # A session's clock follows the messages that it sends and gets, but not answers, and cannot be set. A stored
+        # value that is put again with its own timestamp changes nothing in the store.
+        session.put(newest.key_expr, newest.payload, encoding=newest.encoding, timestamp=newest.timestamp)
+
+
+def _time_of(sample: zenoh.Sample) -> int:
+    return 0 if sample.timestamp is None else _ntp64(sample.timestamp)
+
+
+def _ntp64(timestamp: zenoh.Timestamp) -> int:
+    """Return the time of a timestamp as Zenoh counts it: in units of 2**-32 s."""
+    return int(str(timestamp.get_time_as_ntp64()))
 
 
 def _brief(error: Exception) -> str:

@@ -19,11 +19,12 @@ from typing import NamedTuple
 from services.wire import codec
 from services.wire.actions import action_names, increments
 from services.wire.codec import contract_sha256
-from services.wire.definition import Art2Settings, Definition
+from services.wire.definition import Art2Settings, Definition, Plugin
 from services.wire.definition_file import definition_sha256, run_id
 from services.wire.errors import BadPayloadError, ContractError, TreenailError
 from services.wire.messages import Skill
 from services.wire.skill_memory import check_agent, check_classifier, number
+from services.wire.text import one_line
 
 _HEADER = re.compile(
     rb"treenail skill (?P<version>[0-9]{1,9})\n"
@@ -81,11 +82,13 @@ def fits(skill: Skill, definition: Definition) -> None:
         if size != learnt_size:
             expected, got = sum(size), sum(learnt_size)
             raise SkillError(f"skill: expected action {name} to be {expected:g} mm or degrees, got {got:g}")
-    for name in _MEANING:
-        expected_value, got_value = getattr(definition.classifier, name), getattr(learnt.classifier, name)
-        if expected_value != got_value:
-            raise SkillError(f"skill: expected classifier.{name} = {expected_value}, got {got_value}")
-    _check_capacity(definition.classifier, number(skill.classifier, "states"))
+    _fits_plugins(definition, learnt)
+    if isinstance(definition.classifier, Art2Settings):
+        for name in _MEANING:
+            expected_value, got_value = getattr(definition.classifier, name), getattr(learnt.classifier, name)
+            if expected_value != got_value:
+                raise SkillError(f"skill: expected classifier.{name} = {expected_value}, got {got_value}")
+        _check_capacity(definition.classifier, number(skill.classifier, "states"))
 
 
 def read(path: Path) -> NamedSkill:
@@ -175,16 +178,29 @@ def _sound(payload: bytes, skill: Skill) -> NamedSkill:
     )
     for name, expected, got in agree:
         if expected != got:
-            raise BadPayloadError(f"skill: {name}: expected {expected} as its definition has, got {got[:80]}")
-    states = check_agent(skill.agent, len(skill.actions))
-    classes = check_classifier(skill.classifier, definition.classifier)
+            raise BadPayloadError(f"skill: {name}: expected {expected} as its definition has, got {one_line(got, 80)}")
+    # What a plug-in's memory has to look like, only the plug-in knows.
+    known = not isinstance(definition.learner, Plugin)
+    states = check_agent(skill.agent, len(skill.actions)) if known else number(skill.agent, "states")
+    if isinstance(definition.classifier, Plugin):
+        classes = number(skill.classifier, "states")
+    else:
+        classes = check_classifier(skill.classifier, definition.classifier)
+        try:
+            _check_capacity(definition.classifier, classes)
+        except SkillError as error:
+            raise BadPayloadError(str(error)) from error
     if states > classes:
         raise BadPayloadError(f"skill: expected an agent with at most {classes} states, got {states}")
-    try:
-        _check_capacity(definition.classifier, classes)
-    except SkillError as error:
-        raise BadPayloadError(str(error)) from error
     return NamedSkill(hashlib.sha256(payload).hexdigest(), skill)
+
+
+def _fits_plugins(definition: Definition, learnt: Definition) -> None:
+    """Raise SkillError where a plug-in's memory would have to be read by something else, or told something else."""
+    for what in ("classifier", "learner"):
+        expected, got = getattr(definition, what), getattr(learnt, what)
+        if (isinstance(expected, Plugin) or isinstance(got, Plugin)) and expected != got:
+            raise SkillError(f"skill: expected {what} {expected}, got {got}")
 
 
 def _check_contract(theirs: str) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from services.wire.definition import Art2Settings
 from services.wire.errors import BadPayloadError
+from services.wire.text import one_line
 
 _ITEM_BYTES = 8
 _LARGEST_VALUE = 1e12
@@ -64,7 +65,8 @@ def number(memory: Memory, name: str) -> int:
 
 def _check_names(memory: Memory, expected: tuple[str, ...], whose: str) -> None:
     if tuple(sorted(memory)) != expected:
-        raise BadPayloadError(f"skill: {whose}: expected {', '.join(expected)}, got {', '.join(sorted(memory))[:100]}")
+        got = one_line(", ".join(sorted(memory)), 100)
+        raise BadPayloadError(f"skill: {whose}: expected {', '.join(expected)}, got {got}")
 
 
 def _block(memory: Memory, name: str, items: int) -> bytes:

@@ -1,7 +1,8 @@
 """A stateless worker: its memory is a fold over the run, loaded from checkpoint and journal, and caught up when behind.
 
-A worker never acts on a blank memory: without an answer from the store it waits, and says so. What it folds is
-numbered without gaps, so that it notices by itself when something is missing.
+A worker never acts on a blank memory: without an answer from the store, or with a checkpoint or a journal that do not
+give the whole of it, it waits, and says so. What it folds is numbered without gaps, so that it notices by itself when
+something is missing.
 """
 
 from __future__ import annotations
@@ -9,14 +10,19 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from typing import Generic, Protocol, TypeVar
 
+from services.wire import codec
 from services.wire.errors import ContractError, DivergedError, FoldError, ForeignRunError, GapError, NoAnswerError
 from services.wire.keys import EXPERIMENT, JOURNAL_BLOCK, SKILL, TASK_STEPS
-from services.wire.messages import Alive, Checkpoint, Experiment, JournalEpisode, RunRecord, Skill
+from services.wire.messages import Alive, Checkpoint, Experiment, JournalEpisode, Skill
 from services.wire.service import Service
 from services.wire.skill import decode
+from services.wire.text import one_line
 
 CHECKPOINT_EVERY = 20
 """Episodes between checkpoints; what lies after the newest one is replayed from the journal."""
+NO_MEMORY = "waiting for store"
+"""How the phase begins of a worker that has no memory to work with."""
+_RETRY_S = 0.1
 
 
 class Fold(Protocol):
@@ -54,18 +60,24 @@ class Worker(Generic[F]):
     def load(self) -> bool:
         """Learn from the task what runs, and load the memory of it from the store; False when stopped meanwhile."""
         service = self.service
+        before = service.phase
         experiment = service.wait_for("task (no experiment)", self._ask_experiment)
-        if experiment is None:
-            return False
-        self.experiment = experiment
-        service.run = experiment.run
-        fold = service.wait_for("store (no memory of this run)", self._remember)
-        if fold is None:
-            return False
-        self.fold = fold
-        self._stale = False
-        service.log.info("memory of run %s: %d decisions", experiment.run, fold.decisions)
-        return True
+        while experiment is not None and not service.stopping:
+            self.experiment = experiment
+            service.run = experiment.run
+            try:
+                self.fold = self._remember()
+            except (ContractError, FoldError, NoAnswerError) as error:
+                service.phase = one_line(f"{NO_MEMORY} ({error})", 200)
+                service.complain(service.phase, topic="memory")
+                service.work_until(lambda: False, _RETRY_S)
+                experiment = self._ask_experiment() or experiment  # the task may have taken up another run meanwhile
+                continue
+            service.phase = before
+            self._stale = False
+            service.log.info("memory of run %s: %d decisions", experiment.run, self.fold.decisions)
+            return True
+        return False
 
     def loop(self) -> None:
         """Say that the service is alive and work until stopped, loading another run's memory when the task changed.
@@ -122,32 +134,36 @@ class Worker(Generic[F]):
             self.service.complain(str(error), topic="experiment")
             return None
 
-    def _remember(self) -> F | None:
-        """Return the memory that the store has of this run, or None while the store does not know the run."""
-        run = self.experiment.run
-        try:
-            records = self.service.fetch_all(f"journal/{run}/run", RunRecord)
-            if len(records) != 1:
-                return None
-            fold = self._blank(self.experiment)
-            if not self._begin(fold):
-                return None
-            first = self._restore(fold)
-            self._replay_journal(fold, first // JOURNAL_BLOCK)
-        except (ContractError, FoldError) as error:
-            self.service.complain(f"memory: {error}", topic="memory")
-            return None
+    def _remember(self) -> F:
+        """Return the memory that the store has of this run, complete up to the newest episode in it.
+
+        Raises NoAnswerError while the store does not answer or does not know the run, and ContractError or FoldError
+        when what it has cannot be used.
+        """
+        service, run = self.service, self.experiment.run
+        # Both at once: a store that is just gone must not pass for one that has no episode yet.
+        samples = {str(sample.key_expr): sample for sample in service.fetch_samples(f"journal/{run}/*")}
+        if service.keys.run_record(run) not in samples:
+            raise NoAnswerError("no memory of this run")
+        latest = samples.get(service.keys.journal_latest(run))
+        fold = self._blank(self.experiment)
+        self._begin(fold)
+        self._replay_journal(fold, self._restore(fold) // JOURNAL_BLOCK)
+        if latest is not None:
+            newest = codec.decode(JournalEpisode, latest.payload.to_bytes(), str(latest.encoding))
+            known = newest.first_decision + len(newest.steps)
+            if fold.decisions < known:
+                raise GapError(f"neither checkpoint nor journal has decisions {fold.decisions} to {known - 1}")
         return fold
 
-    def _begin(self, fold: F) -> bool:
-        """Take over the skill that the run began with, if any; False while the store does not have it."""
+    def _begin(self, fold: F) -> None:
+        """Take over the skill that the run began with, if any. Raises like ``_remember``."""
         sha256 = self.experiment.skill_sha256
         if sha256 is None:
-            return True
+            return
         samples = self.service.fetch_samples(f"{SKILL}/{sha256}", 10.0)
         if not samples:
-            self.service.complain(f"memory: expected skill {sha256[:12]} in the store, got none", topic="memory")
-            return False
+            raise NoAnswerError(f"expected skill {sha256[:12]} in the store, got none")
         found = decode(samples[0].payload.to_bytes(), str(samples[0].encoding))
         if found.sha256 != sha256:
             raise DivergedError(f"skill: expected {sha256[:12]}, got {found.sha256[:12]}")
@@ -155,7 +171,6 @@ class Worker(Generic[F]):
             fold.begin_with(found.skill)
         except ValueError as error:
             raise DivergedError(f"skill {sha256[:12]}: {error}") from error
-        return True
 
     def _restore(self, fold: F) -> int:
         """Restore the newest checkpoint and return the episode that it stands before; 0 when there is none."""
@@ -196,8 +211,6 @@ class Worker(Generic[F]):
             raise ForeignRunError(f"task: expected run {self.experiment.run}, got {under_way.run}")
         if under_way.first_decision > self.fold.decisions:
             known = self._remember()
-            if known is None:
-                raise GapError("journal: expected an answer from the store, got none")
             if known.decisions > self.fold.decisions:
                 self.fold = known
         self.fold.replay(under_way)

@@ -169,13 +169,19 @@ def test_other_runs_repetitions_and_the_future_change_nothing(
 
 def test_motions_of_a_stranger_are_undone(live: Any, rogue: Rogue, reference: Callable[..., dict[str, str]]) -> None:
     live.start_loop(EPISODES)
-    run = None
+    live.wait_actions(3)
+    experiment = live.experiment()
+    run, start = experiment.run, experiment.definition.start
+    at = {"x_mm": start.x_mm, "y_mm": start.y_mm, "z_mm": -start.height_mm}
+    turned = {"rx_deg": start.rx_deg, "ry_deg": start.ry_deg, "rz_deg": start.rz_deg}
     for turn in range(12):
         live.wait_actions(3)
-        run = run or live.experiment().run
-        home = Home(run=run, episode=turn, x_mm=5.0, y_mm=0.0, z_mm=1.0, rx_deg=0.0, ry_deg=0.0, rz_deg=0.0)
+        home = Home(run=run, episode=turn, **at, **turned)
         request = {"payload": encode(home), "encoding": encoding_of(Home)}
         assert [reply.ok is not None for reply in rogue.session.get(live.keys.of(names.HOME), **request)] == [True]
+        elsewhere = msgspec.structs.replace(home, x_mm=5.0, z_mm=1.0)
+        (refusal,) = rogue.query("home", encode(elsewhere), encoding_of(Home))
+        assert refusal.reason == "guard"
         wild = Move(run=run, episode=turn, step=1, dx_mm=50.0)
         assert all(refusal.reason != "not_ready" for refusal in rogue.query("move", encode(wild), encoding_of(Move)))
     assert live.digests() == reference(EPISODES)

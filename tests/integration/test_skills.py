@@ -240,7 +240,7 @@ def test_export_is_exact_at_any_episode(
     places = [(row["run"], row["service"], row["episodes"], row["newest"]) for row in listed["runs"]]
     assert places == [(run.run, "task", 23, True), (run.run, "agent", 20, True), (run.run, "classifier", 20, True)]
     assert [(row["skill"], row["chosen"]) for row in listed["skills"]] == [(learnt.sha256, True)]
-    digests = {"q_table": run.agent.learner.digest(), "art2": run.classifier.art2.digest()}
+    digests = {"q_table": run.agent.learner.digest(), "art2": run.classifier.network.digest()}
     for words in ((), (run.run,), (str(tmp_path / "0"),)):
         shown = json.loads(checkpoint("show", *words, "--json").out)
         assert {name: shown[name] for name in digests} == digests

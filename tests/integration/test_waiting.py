@@ -7,10 +7,11 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+import zenoh
 
-from services.wire.codec import encode, encoding_of
-from services.wire.keys import TASK_STEPS
-from services.wire.messages import JournalEpisode, RunRecord
+from services.wire.codec import decode, encode, encoding_of
+from services.wire.keys import ACTION, OBSERVATION, TASK_STEPS
+from services.wire.messages import Action, Checkpoint, JournalEpisode, Message, Observation, RunRecord
 
 EPISODES = 12
 Reference = Callable[..., dict[str, str]]
@@ -153,3 +154,130 @@ def test_a_worker_asks_the_task_for_what_it_missed(live: Any, reference: Referen
         live.processes[name].popen.kill()
     live.start_loop(EPISODES, "classifier", "agent")
     assert live.digests() == reference(EPISODES)
+
+
+# -- never on a blank memory ---------------------------------------------------------------------------------------
+
+
+def kill(live: Any, *services: str) -> None:
+    for name in services:
+        live.processes[name].popen.kill()
+        live.processes[name].end()
+
+
+def put(live: Any, key: str, message: Message) -> None:
+    live.session.put(key, encode(message), encoding=encoding_of(type(message)))
+
+
+def test_without_an_answer_from_the_store_a_worker_waits_and_the_task_says_that_it_has_no_memory(
+    live: Any, wait_until: Callable[..., None], reference: Reference
+) -> None:
+    live.start_loop(EPISODES)
+    live.wait_actions(30)
+    kill(live, "agent", "classifier")
+    wait_until("the task misses them", lambda: live.phase("task") == "waiting for agent and classifier")
+    kill(live, "store")
+    live.start_loop(EPISODES, "agent")
+    wait_until("it says why", lambda: live.phase("task") == "waiting for agent (no checkpoint) and classifier")
+    assert live.phase("agent") == "waiting for store (no memory of this run)"
+    live.start_loop(EPISODES, "classifier")
+    both = "waiting for agent (no checkpoint) and classifier (no checkpoint)"
+    wait_until("it says so of both", lambda: live.phase("task") == both)
+    live.start_store()
+    assert live.digests() == reference(EPISODES)
+
+
+@pytest.mark.parametrize("name", ["agent", "classifier"])
+def test_with_a_damaged_checkpoint_a_worker_waits_and_task_and_worker_say_so(
+    live: Any, wait_until: Callable[..., None], reference: Reference, name: str
+) -> None:
+    live.start_loop(EPISODES)
+    live.wait_actions(60)
+    kill(live, name)
+    run, key = live.experiment().run, live.keys.checkpoint_latest(live.experiment().run, name)
+    damaged = Checkpoint(
+        run=run,
+        service=name,
+        episode=1,
+        decisions=5,
+        contract_sha256=live.status("task").contract_sha256,
+        snapshot={"q": b"\xff" * 7, "states": 3},
+    )
+    put(live, key, damaged)
+    wait_until("the store has it", lambda: live.ask(f"checkpoint/{run}/{name}/latest", Checkpoint) == damaged)
+    live.start_loop(EPISODES, name)
+    wait_until(f"the {name} says why", lambda: "(checkpoint before episode 1: " in live.phase(name))
+    wait_until("the task says so", lambda: live.phase("task") == f"waiting for {name} (no checkpoint)")
+    at = live.done()
+    observations: list[zenoh.Sample] = []
+    heard = live.session.declare_subscriber(live.keys.of(OBSERVATION), observations.append)
+    wait_until("the task asks in vain", lambda: len(observations) >= 3)
+    heard.undeclare()
+    assert len({sample.payload.to_bytes() for sample in observations}) == 1
+    assert live.done() == at
+    assert "waiting for store (checkpoint before episode 1" in live.processes[name].out
+    live.session.delete(key)
+    assert live.digests() == reference(EPISODES)
+
+
+def test_without_checkpoint_and_with_a_journal_that_has_lost_its_beginning_a_worker_waits(
+    live: Any, wait_until: Callable[..., None], reference: Reference
+) -> None:
+    live.start_loop(EPISODES)
+    wait_until("some episodes are done", lambda: live.done() >= 3)
+    kill(live, "agent")
+    run = live.experiment().run
+    (lost,) = [reply.ok for reply in live.session.get(live.keys.journal(run, 0)) if reply.ok is not None]
+    live.session.delete(live.keys.journal(run, 0))
+    wait_until("it is lost", lambda: live.ask(f"journal/{run}/000000/00000000", JournalEpisode) is None)
+    live.start_loop(EPISODES, "agent")
+    wait_until("the task says so", lambda: live.phase("task") == "waiting for agent (no checkpoint)")
+    assert live.phase("agent").startswith("waiting for store (")
+    put(live, live.keys.journal(run, 0), decode(JournalEpisode, lost.payload.to_bytes(), str(lost.encoding)))
+    assert live.digests() == reference(EPISODES)
+
+
+def test_an_agent_that_knows_less_than_the_run_has_seen_is_refused(live: Any, wait_until: Callable[..., None]) -> None:
+    """The test is the agent here, first with a policy of some age, then with a blank one, also towards a new task."""
+    live.start_loop(EPISODES, "task", "sim", "classifier")
+    asked: list[Observation] = []
+    declared = live.session.declare_subscriber(
+        live.keys.of(OBSERVATION),
+        lambda sample: asked.append(decode(Observation, sample.payload.to_bytes(), str(sample.encoding))),
+    )
+
+    def act(seen: Observation, version: int) -> None:
+        place = {"run": seen.run, "episode": seen.episode, "step": seen.step, "decision": seen.decision}
+        put(live, live.keys.of(ACTION), Action(**place, state=0, action=seen.decision % 4, policy_version=version))
+
+    def decide_until(holds: Callable[[Observation], bool]) -> Observation:
+        """Act with an up-to-date policy on whatever is asked, until something is asked that ends it."""
+        while True:
+            wait_until("something is asked", lambda: bool(asked))
+            newest = asked[-1]
+            if holds(newest):
+                return newest
+            act(newest, newest.decision)
+            wait_until("it goes on", lambda newest=newest: asked[-1].decision > newest.decision)
+
+    seen = decide_until(lambda newest: newest.decision >= 8)
+    for old in (0, seen.decision - 2):
+        refused = live.refused("task").get("DivergedError", 0)
+        act(seen, old)
+        wait_until("it is refused", lambda refused=refused: live.refused("task").get("DivergedError", 0) > refused)
+        assert asked[-1].decision == seen.decision
+    assert "expected a policy of version 7 to 8, got 0" in live.processes["task"].out
+
+    # What the journal has seen, another process of the task has seen: begin an episode, and start that task anew.
+    first = decide_until(lambda newest: newest.episode > seen.episode)
+    kill(live, "task")
+    asked.clear()
+    live.start_loop(EPISODES, "task")
+    wait_until("the new task asks", lambda: bool(asked))
+    assert asked[-1].decision == first.decision
+    act(asked[-1], 0)
+    wait_until("it is refused again", lambda: live.refused("task").get("DivergedError", 0) > 0)
+    assert asked[-1].decision == first.decision
+    act(asked[-1], first.decision)
+    wait_until("it goes on", lambda: asked[-1].decision > first.decision)
+    declared.undeclare()

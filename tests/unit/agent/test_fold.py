@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from services.agent.fold import AgentFold
 from services.wire.codec import decode_payload, encode
-from services.wire.definition import Definition, LearnerSettings
+from services.wire.definition import TD_LEARNERS, Definition
 from services.wire.errors import DivergedError, ForeignRunError, GapError, TreenailError
 from services.wire.messages import Action, EpisodeSummary, JournalEpisode, JournalStep, Reward, State
 
@@ -45,7 +45,7 @@ SEEN = messages()
 
 
 def fresh(kind: Kind) -> AgentFold:
-    return AgentFold(Definition(name="test", learner=LearnerSettings(kind=kind)), RUN, SEED)
+    return AgentFold(Definition(name="test", learner=TD_LEARNERS[kind]()), RUN, SEED)
 
 
 def run(fold: AgentFold, first: int = 0, last: int = len(SEEN)) -> AgentFold:

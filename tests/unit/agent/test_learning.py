@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from services.agent.learning import MAX_STATES, Learner
 from services.agent.policies import probabilities
-from services.wire.definition import EpsilonGreedy, Greedy, LearnerSettings, Policy, Softmax
+from services.wire.definition import TD_LEARNERS, EpsilonGreedy, Greedy, Policy, Softmax
 
 Kind = Literal["q_learning", "sarsa"]
 KINDS: list[Kind] = ["q_learning", "sarsa"]
@@ -22,7 +22,7 @@ SOFTMAX = Softmax(beta=1.0, beta_per_episode=0.05)
 
 
 def make(kind: Kind = "q_learning", policy: Policy = SOFTMAX, actions: int = 3, seed: int = 5) -> Learner:
-    return Learner(actions, LearnerSettings(kind=kind, alpha=0.5, gamma=0.9), policy, seed)
+    return Learner(actions, TD_LEARNERS[kind](alpha=0.5, gamma=0.9), policy, seed)
 
 
 def live(learner: Learner, first: int, episodes: int) -> list[int]:

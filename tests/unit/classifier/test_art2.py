@@ -11,8 +11,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from services.classifier.art2 import Art2, Classification, ClassifierFullError
+from services.classifier.art2 import Art2
 from services.wire.definition import Art2Settings
+from services.wire.plugins import Classification, ClassifierFullError
 
 Vector = tuple[float, ...]
 

@@ -94,12 +94,12 @@ def after(count: int) -> ClassifierFold:
 
 
 def memory(fold: ClassifierFold) -> tuple[str, int, int]:
-    return fold.art2.digest(), fold.decisions, fold.episode
+    return fold.network.digest(), fold.decisions, fold.episode
 
 
 def test_the_synthetic_run_is_worth_testing_with() -> None:
     fold = after(len(SEEN))
-    assert 2 <= fold.art2.states < len(SEEN)
+    assert 2 <= fold.network.states < len(SEEN)
     assert fold.decisions == len(SEEN) == sum(EPISODES)
 
 
@@ -113,7 +113,7 @@ def test_the_answer_names_its_observation() -> None:
             observation.step,
             observation.decision,
         )
-        assert 0 <= state.state < state.states == fold.art2.states
+        assert 0 <= state.state < state.states == fold.network.states
 
 
 def test_the_same_observation_again_gets_the_same_answer_and_is_not_learnt() -> None:

@@ -167,6 +167,20 @@ def test_a_report_is_json_with_machine_and_units(
         assert 0 < value["min"] <= value["median"] <= value["max"]
 
 
+def test_all_installed_classifiers_are_measured_on_the_same_vectors(capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("classifiers", "--vectors", "60", "--episodes", "1", "--rounds", "2", "--set", SHORT[0], "--json")
+    assert main([*words]) == 0
+    found = {one["classifier"]: one for one in json.loads(capsys.readouterr().out)["results"]["classifiers"]}
+    assert {"art2", "fuzzy-art"} <= set(found)
+    for one in found.values():
+        assert 0 < one["step_median_us"]["min"] <= one["step_median_us"]["max"]
+        assert 1 <= one["classes"]["min"] <= one["classes"]["max"] < 60
+        assert 0 < one["purity"]["median"] <= 1
+        assert -1 <= one["adjusted_rand_index"]["median"] <= 1
+        assert 0 <= one["success_last_quarter"]["median"] <= 1
+    assert found["art2"]["classes"] != found["fuzzy-art"]["classes"], "they are not one and the same"
+
+
 def test_a_report_is_text_too(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["learner", "--steps", "20", "--rounds", "1"]) == 0
     said = capsys.readouterr().out

@@ -9,7 +9,7 @@ import pytest
 
 from experiments.gridworlds import CLIFF, MAZES, GridWorld, Move, Training, greedy_path, train
 from services.agent.learning import Learner
-from services.wire.definition import EpsilonAnnealed, EpsilonGreedy, LearnerSettings, Policy, Softmax
+from services.wire.definition import TD_LEARNERS, EpsilonAnnealed, EpsilonGreedy, Policy, QLearning, Sarsa, Softmax
 
 MOVES = {"N": Move.NORTH, "E": Move.EAST, "S": Move.SOUTH, "W": Move.WEST}
 SHORTEST = {
@@ -106,7 +106,7 @@ def test_an_unknown_move_is_refused() -> None:
 
 def test_training_goes_on_where_it_stopped() -> None:
     def learner() -> Learner:
-        return Learner(4, LearnerSettings(alpha=0.1, gamma=0.9), EpsilonAnnealed(mu=0.1), 3)
+        return Learner(4, QLearning(alpha=0.1, gamma=0.9), EpsilonAnnealed(mu=0.1), 3)
 
     whole, parts = learner(), learner()
     at_once = train(GridWorld(MAZES["wide"]), whole, 30)
@@ -119,7 +119,7 @@ def test_training_goes_on_where_it_stopped() -> None:
 
 
 def test_an_episode_is_broken_off_at_the_limit_with_every_move_learnt() -> None:
-    learner = Learner(4, LearnerSettings(kind="sarsa"), EpsilonAnnealed(mu=0.1), 3)
+    learner = Learner(4, Sarsa(), EpsilonAnnealed(mu=0.1), 3)
     training = train(GridWorld(MAZES["wide"]), learner, 4, step_limit=9)  # one less than the way out
     assert training.steps.tolist() == [9] * 4
     assert training.returns.tolist() == [-9.0] * 4
@@ -128,7 +128,7 @@ def test_an_episode_is_broken_off_at_the_limit_with_every_move_learnt() -> None:
 
 @pytest.mark.parametrize("policy", POLICIES)
 def test_sarsa_learns_the_maze_of_table_4_1(policy: str) -> None:
-    learner = Learner(4, LearnerSettings(kind="sarsa", alpha=0.1, gamma=0.9), POLICIES[policy], 0)
+    learner = Learner(4, Sarsa(alpha=0.1, gamma=0.9), POLICIES[policy], 0)
     world = GridWorld(MAZES["wide"])
     train(world, learner, 500)
     assert best_moves(learner, TABLE_4_1) == TABLE_4_1
@@ -137,7 +137,7 @@ def test_sarsa_learns_the_maze_of_table_4_1(policy: str) -> None:
 
 def test_the_narrow_maze_is_learnt_once_its_squares_are_told_apart() -> None:
     # By walls alone it is not: state 6 is met below S and again before G, so turning back to S looks like winning.
-    learner = Learner(4, LearnerSettings(kind="sarsa", alpha=0.1, gamma=0.9), POLICIES["beta 2.0"], 0)
+    learner = Learner(4, Sarsa(alpha=0.1, gamma=0.9), POLICIES["beta 2.0"], 0)
     world = GridWorld(MAZES["narrow"], sees="square")
     train(world, learner, 500)
     assert moves_of(greedy_path(world, learner)) == SHORTEST["narrow"][0]
@@ -147,7 +147,7 @@ def walk_cliff(
     kind: Literal["q_learning", "sarsa"], seed: int, sees: Literal["walls", "square"]
 ) -> tuple[Learner, Training, str]:
     """Train with the thesis's parameters; return what was learnt, how it went and the greedy path."""
-    learner = Learner(4, LearnerSettings(kind=kind, alpha=0.1, gamma=0.1), EpsilonGreedy(epsilon=0.1), seed)
+    learner = Learner(4, TD_LEARNERS[kind](alpha=0.1, gamma=0.1), EpsilonGreedy(epsilon=0.1), seed)
     world = GridWorld(CLIFF, sees)
     training = train(world, learner, 1000)
     return learner, training, moves_of(greedy_path(world, learner))

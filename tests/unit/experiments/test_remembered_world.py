@@ -45,7 +45,7 @@ def test_a_run_ends_in_the_same_bytes(noise: Noise, spread: float) -> None:
     plain, remembered = [list(run.episodes(12)) for run in runs]
     assert plain == remembered
     assert runs[0].agent.learner.digest() == runs[1].agent.learner.digest()
-    assert runs[0].classifier.art2.digest() == runs[1].classifier.art2.digest()
+    assert runs[0].classifier.network.digest() == runs[1].classifier.network.digest()
     assert any(summary.decisions for summary in plain)
 
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import pytest
+from msgspec.structs import replace
 
 from experiments.reproduce.insertion_compare import compare, figures_of
+from experiments.reproduce.insertion_exploration import Exploring, WatchedRun, explore
 from experiments.reproduce.insertion_runs import Gone, Run, insert
 from experiments.reproduce.insertion_thesis import REPORTED
 from experiments.reproduce.verdicts import Verdict
+from services.wire.definition import EpsilonGreedy, Greedy
 from services.wire.definition_file import definition_sha256, load, shipped
 from services.wire.errors import TreenailError
 
@@ -55,10 +58,28 @@ def test_a_run_of_another_definition_is_refused() -> None:
 
 def test_a_run_knows_how_its_classes_agree_with_the_truth() -> None:
     name = "chamfered-q-softmax"
-    run = insert(Run(name, definition_sha256(load(name)), 1, 2))
-    assert len(run.returns) == len(run.outcomes) == 2
+    run = insert(Run(name, definition_sha256(load(name)), 1, 5))
+    assert len(run.returns) == len(run.outcomes) == 5
     (block,) = run.blocks
     assert block.decisions > 100
     assert 0 < block.purity <= 1
     assert block.entropy_bit >= 0
     assert block.states <= run.states
+
+
+def test_only_a_move_that_is_not_the_best_known_counts_as_exploring() -> None:
+    definition = load("chamfered-q-egreedy")
+    greedy = WatchedRun(replace(definition, policy=Greedy()), 0)
+    assert sum(summary.decisions for summary in greedy.episodes(2)) > 20
+    assert not greedy.explored
+    random = WatchedRun(replace(definition, policy=EpsilonGreedy(epsilon=1.0)), 0)
+    assert sum(summary.decisions for summary in random.episodes(1)) > 1
+    assert random.explored
+
+
+def test_what_exploring_costs_is_measured_with_the_table_that_was_learnt() -> None:
+    name = "chamfered-q-egreedy"
+    found = explore(Exploring(name, definition_sha256(load(name)), 1, 8, 2))
+    assert 0 <= found.failures_after_exploring <= found.failures <= 4
+    assert found.success == 1 - found.failures / 4
+    assert found.greedy_success in (0.0, 0.5, 1.0)

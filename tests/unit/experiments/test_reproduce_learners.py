@@ -14,7 +14,7 @@ from experiments.reproduce.learner_cliff import OPTIMAL_PATHS, SAFE_PATH, path_n
 from experiments.reproduce.learner_maze import OPTIMAL, SHORTEST, THESIS, most, right
 from experiments.reproduce.learner_runs import KINDS, POLICIES, Run, learn
 from services.agent.learning import Learner
-from services.wire.definition import EpsilonGreedy, LearnerSettings
+from services.wire.definition import EpsilonGreedy, QLearning
 
 MAZE = Run("maze wide", "walls", "sarsa", "μ = 0.1", 0.1, 0.9, 200, 0)
 
@@ -91,7 +91,7 @@ def test_cliff_walking_is_the_textbooks() -> None:
 
 
 def test_q_learning_solves_cliff_walking() -> None:
-    learner = Learner(4, LearnerSettings(alpha=0.5, gamma=1.0), EpsilonGreedy(epsilon=0.1), 0)
+    learner = Learner(4, QLearning(alpha=0.5, gamma=1.0), EpsilonGreedy(epsilon=0.1), 0)
     world = CliffWalking()
     training = train(world, learner, 300)
     assert len(greedy_path(world, learner)) == 13

@@ -108,10 +108,10 @@ def test_skill_transfers_to_the_last_bit(definition: Definition, first: Recorded
     other = InProcessRun(definition, SEED + 1, skill=learnt)
     assert other.run == run_id(definition, SEED + 1, learnt.sha256) != run_id(definition, SEED + 1)
     assert other.agent.learner.digest() == first.run.agent.learner.digest() == digests(learnt.skill)["q_table"]
-    assert other.classifier.art2.digest() == first.run.classifier.art2.digest() == digests(learnt.skill)["art2"]
+    assert other.classifier.network.digest() == first.run.classifier.network.digest() == digests(learnt.skill)["art2"]
     assert other.agent.decisions == other.classifier.decisions == 0
     assert learnt.version == other.agent.learner.version == first.run.decisions
-    assert learnt.states == other.classifier.art2.states
+    assert learnt.states == other.classifier.network.states
 
 
 def test_policy_goes_on_where_the_skill_left_it(definition: Definition, first: Recorded) -> None:
@@ -172,4 +172,4 @@ def test_whatever_is_taken_for_sound_can_be_loaded(
     agent, classifier = AgentFold(skill.definition, "test-s0", SEED), ClassifierFold(skill.definition, "test-s0")
     agent.begin_with(found.skill)
     classifier.begin_with(found.skill)
-    assert agent.learner.states <= classifier.art2.states
+    assert agent.learner.states <= classifier.network.states

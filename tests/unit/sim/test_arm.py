@@ -140,7 +140,7 @@ def test_a_motion_asked_for_again_is_not_made_again() -> None:
 def test_a_cell_brought_back_is_off_by_the_same() -> None:
     moves = [Move(run=RUN, episode=4, step=step, dy_mm=0.2) for step in range(1, 12)]
     cells = [SimulatedCell(UP, RUN, 1), SimulatedCell(UP, RUN, 1)]
-    cells[1].home(Home(run=RUN, episode=2, x_mm=1.0, y_mm=0.0, z_mm=-15.0, rx_deg=0.0, ry_deg=0.0, rz_deg=0.0))
+    cells[1].home(Home(run=RUN, episode=2, x_mm=0.0, y_mm=0.0, z_mm=-15.0, rx_deg=0.0, ry_deg=0.0, rz_deg=0.0))
     for cell in cells:
         cell.home(HOME)
         for move in moves:

@@ -10,6 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from services.sim.cell import MOTION_NS, GuardError, OtherRunError, OutOfOrderError, SimulatedCell
+from services.sim.world import Reading, World
 from services.wire.actions import Increment, increments
 from services.wire.codec import encode
 from services.wire.definition import Definition, Limits, Moves, Noise, Parts, Start
@@ -27,7 +28,7 @@ SETTINGS = Definition(
 """Beside a hole without a chamfer: two moves down the peg stands on the rim."""
 FREE = replace(SETTINGS, start=Start(height_mm=15.0))
 """High above everything: nothing to feel."""
-HARD = replace(SETTINGS, limits=Limits(contact_force_n=0.3, collision_force_n=1.0, hard_force_n=2.0))
+HARD = replace(SETTINGS, limits=Limits(collision_force_n=2.0, hard_force_n=20.0))
 Answer = tuple[Moved, FtPacket]
 
 
@@ -192,11 +193,11 @@ def test_a_motion_beyond_the_limits_is_refused_and_the_next_good_one_made(
     assert robot.move(down(2))[0].step == 2
 
 
-def test_above_the_hard_force_only_home_is_taken() -> None:
+def test_after_a_collision_only_home_is_taken() -> None:
     robot = cell(HARD)
     answer = robot.home(home())
     step = 0
-    while force_of(answer) <= 2.0:
+    while force_of(answer) < 2.0:
         step += 1
         assert step < 10
         last = down(step)
@@ -205,6 +206,44 @@ def test_above_the_hard_force_only_home_is_taken() -> None:
     refused(robot, lambda: robot.move(following), GuardError, "guard")
     refused(robot, lambda: robot.move(down(step + 1)), GuardError, "guard")
     assert bits(robot.move(last)) == bits(answer), "the last motion is still answered again"
+    robot.home(home(episode=1))
+    assert robot.move(down(1, episode=1))[0].step == 1
+
+
+def test_a_start_pose_of_no_episode_is_refused_and_the_robot_keeps_its_place(robot: SimulatedCell) -> None:
+    robot.home(home())
+    robot.move(down(1))
+    for wild in (replace(home(), z_mm=5.0), replace(home(), x_mm=1.0), replace(home(), rz_deg=1.0)):
+        refused(robot, lambda wild=wild: robot.home(wild), GuardError, "guard")  # type: ignore[misc]
+    assert robot.move(down(2))[0].step == 2
+
+
+class _FailingWorld(World):
+    """A world whose sensor stops giving numbers at a move."""
+
+    def __init__(self, definition: Definition, good_moves: int) -> None:
+        super().__init__(definition)
+        self.left = good_moves
+
+    def move(self, increment: Increment) -> Reading:
+        reading = super().move(increment)
+        self.left -= 1
+        return reading if self.left >= 0 else Reading((0.0, math.nan, 0.0), reading.torque_nm)
+
+
+def test_a_load_that_is_no_number_stops_motion_within_one_step() -> None:
+    world = _FailingWorld(SETTINGS, good_moves=3)
+    robot = SimulatedCell(SETTINGS, RUN, 0, world)
+    robot.home(home())
+    for step in (1, 2, 3):
+        robot.move(down(step))
+    with pytest.raises(GuardError, match="sensor: expected a finite force"):
+        robot.move(down(4))
+    at = world.flange
+    for lost in (down(4), down(5), Move(run=RUN, episode=0, step=5)):
+        refused(robot, lambda lost=lost: robot.move(lost), GuardError, "guard")  # type: ignore[misc]
+    assert world.flange == at
+    world.left = 3
     robot.home(home(episode=1))
     assert robot.move(down(1, episode=1))[0].step == 1
 

@@ -11,7 +11,7 @@ from services.agent.fold import AgentFold
 from services.classifier.fold import ClassifierFold
 from services.task.insertion import Insertion
 from services.wire.codec import decode_payload, encode
-from services.wire.definition import Definition, LearnerSettings
+from services.wire.definition import TD_LEARNERS, Definition
 from services.wire.messages import EpisodeSummary, JournalEpisode, JournalStep, Moved, Observation
 
 Make = Callable[..., Any]
@@ -101,14 +101,14 @@ def test_the_records_of_a_run_bring_new_workers_to_the_same_place(exact: Make) -
     for kind in ("q_learning", "sarsa"):
         definition = exact(move_limit=40)
         settings = {name: getattr(definition, name) for name in definition.__struct_fields__}
-        definition = Definition(**settings | {"learner": LearnerSettings(kind=kind)})
+        definition = Definition(**settings | {"learner": TD_LEARNERS[kind]()})
         run = Run(definition)
         classifier, agent = ClassifierFold(definition, RUN), AgentFold(definition, RUN, 3)
         for number in range(8):
             record = decode_payload(JournalEpisode, encode(run.episode(number)))
             classifier.replay(record)
             agent.replay(record)
-            assert classifier.art2.digest() == run.classifier.art2.digest()
+            assert classifier.network.digest() == run.classifier.network.digest()
             assert agent.learner.digest() == run.agent.learner.digest()
             assert classifier.snapshot() == run.classifier.snapshot()
             assert agent.snapshot() == run.agent.snapshot()
@@ -126,6 +126,6 @@ def test_the_record_of_an_episode_under_way_does_too(exact: Make) -> None:
         for record in (whole, part):
             classifier.replay(record)
             agent.replay(record)
-        assert classifier.art2.digest() == run.classifier.art2.digest()
+        assert classifier.network.digest() == run.classifier.network.digest()
         assert agent.learner.digest() == run.agent.learner.digest()
         assert (agent.decisions, agent.rewards) == (run.agent.decisions, run.agent.rewards)

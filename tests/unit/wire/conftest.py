@@ -13,6 +13,9 @@ import msgspec
 import pytest
 from hypothesis import strategies as st
 
+from services.wire.definition import Definition
+from services.wire.definition_file import contradiction
+
 Broken = tuple[str, object]
 """Where and how a payload was broken, and the broken payload."""
 
@@ -38,9 +41,22 @@ def is_struct(hint: Any) -> bool:
     return isinstance(hint, type) and issubclass(hint, msgspec.Struct)
 
 
+def usable(definition: Definition) -> Definition:
+    """Return a definition with defaults in place of the sections that contradict others, as few as it takes."""
+    usual = Definition(name="usual")
+    found = contradiction(definition)
+    named = () if found is None else (found[0].partition(".")[0],)
+    for section in (*named, "limits", "start", "parts", "contact", "moves", "wrist", "noise", "classifier"):
+        if contradiction(definition):
+            definition = msgspec.structs.replace(definition, **{section: getattr(usual, section)})
+    return definition
+
+
 def strategy(hint: Any) -> st.SearchStrategy[Any]:
     """Values of a type over its whole range."""
     hint, limits = split(hint)
+    if hint is Definition:
+        return st.builds(hint, **{name: strategy(part) for name, part in fields_of(hint).items()}).map(usable)
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if is_struct(hint):
         return st.builds(hint, **{name: strategy(part) for name, part in fields_of(hint).items()})
@@ -81,7 +97,8 @@ def sample(hint: Any) -> Any:
     hint, limits = split(hint)
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if is_struct(hint):
-        return hint(**{name: sample(part) for name, part in fields_of(hint).items()})
+        made = hint(**{name: sample(part) for name, part in fields_of(hint).items()})
+        return usable(made) if isinstance(made, Definition) else made
     if origin is typing.Literal or origin in (typing.Union, types.UnionType):
         first = next(part for part in arguments if part is not type(None))
         return first if origin is typing.Literal else sample(first)

@@ -148,7 +148,11 @@ WRONG = [
         3,
         "reward.kind: expected one of 'insertion', 'force_change', got 'gold'",
     ),
-    ('name = "mine"\n[learner]\nkind = "dqn"\n', 3, "learner.kind: expected one of 'q_learning', 'sarsa', got 'dqn'"),
+    (
+        'name = "mine"\n[learner]\nkind = "dqn"\n',
+        3,
+        "learner.kind: expected one of 'q_learning', 'sarsa', 'plugin', got 'dqn'",
+    ),
     ('name = "mine"\n[policy]\nbeta = 1.0\n', 2, "policy: object missing required field `kind`"),
     (
         'name = "mine"\n[limits]\ncontact_force_n = 5.0\ncollision_force_n = 5.0\n',

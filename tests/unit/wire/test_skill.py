@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from services.wire import codec, skill
 from services.wire.actions import action_names
 from services.wire.codec import contract_sha256, encode, encoding_of
-from services.wire.definition import Art2Settings, Definition, LearnerSettings, Moves, Softmax, Start
+from services.wire.definition import Art2Settings, Definition, Moves, Sarsa, Softmax, Start
 from services.wire.definition_file import definition_sha256, run_id
 from services.wire.errors import BadPayloadError, ContractError, WrongTypeError, WrongVersionError
 from services.wire.messages import Skill
@@ -213,7 +213,7 @@ def test_skill_may_be_taken_to_other_parts_poses_and_learners() -> None:
     definition = Definition(
         name="other",
         start=Start(x_mm=-1.0),
-        learner=LearnerSettings(kind="sarsa", gamma=0.5),
+        learner=Sarsa(gamma=0.5),
         policy=Softmax(beta=1.0),
         classifier=replace(ART2, rho=0.5, learning_rate=1.0, capacity=STATES, when_full="refuse"),
     )

@@ -1,0 +1,153 @@
+"""Disturb a cell while it learns, by a seeded plan, and compare what it learnt with a run that nobody disturbed.
+
+Processes are killed, frozen, cut off; messages get lost, late, twice and out of order; the disk is full and clocks
+jump. Every run has to end in the same bytes as the same run in one process, without a step lost: status 0, else 1.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from experiments.chaos import plan as plans
+from services.wire.command import EXIT_ERROR, Parser
+from services.wire.definition_file import check_run, load
+from services.wire.errors import TreenailError
+
+PROGRAM = "treenail chaos"
+EXIT_DIFFERS, EXIT_INTERRUPTED = 1, 130
+OTHERS_PER_KILLS = 50
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Do what the command line (or ``words`` in its place) says and return the exit status."""
+    arguments = _parser().parse_args(words)
+    try:
+        return _run(arguments)
+    except TreenailError as error:
+        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        return EXIT_ERROR
+    except KeyboardInterrupt:
+        print(f"{PROGRAM}: interrupted", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:  # whoever reads has had enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_ERROR
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    # Loaded only now: --help and a wrong option need none of it.
+    from rich.console import Console
+
+    from experiments.chaos.campaign import Settings, carry_out
+    from experiments.chaos.clocks import Clocks, NoClocksError
+    from experiments.chaos.reference import undisturbed
+    from experiments.chaos.report import as_json, lines, table, well
+
+    definition = load(arguments.experiment, arguments.set)
+    check_run(arguments.seed, arguments.episodes)
+    others = max(1, arguments.kills // OTHERS_PER_KILLS) if arguments.others is None else arguments.others
+    kinds = list(arguments.kinds)
+    plans.make(arguments.seed, arguments.kills, others, kinds, arguments.services)  # what is wrong is said at once
+    folder = _folder(arguments.out)
+    skipped: dict[str, str] = {}
+    clocks = None
+    if set(kinds) & set(plans.CLOCK):
+        (folder / "clocks").mkdir(exist_ok=True)
+        try:
+            clocks = Clocks(folder / "clocks")
+        except NoClocksError as error:
+            skipped = {kind: str(error) for kind in kinds if kind in plans.CLOCK}
+            kinds = [kind for kind in kinds if kind not in skipped]
+    if not kinds:
+        raise TreenailError(f"--kinds: expected some that can be done here, got none: {'; '.join(skipped.values())}")
+    plan = plans.make(arguments.seed, arguments.kills, others, kinds, arguments.services)
+    settings = Settings(
+        experiment=arguments.experiment,
+        overrides=tuple(arguments.set),
+        definition=definition,
+        episodes=arguments.episodes,
+        first_seed=arguments.seed,
+        viewer="viewer" in arguments.services,
+        out=folder,
+    )
+    beside = 1 if arguments.control else 0
+    say = _teller(arguments.json)
+    runs = carry_out(settings, plan, clocks, say, lambda what, seed, length: undisturbed(what, seed + beside, length))
+    found = as_json(plan, runs, skipped)
+    good = well(plan, runs)
+    if arguments.out is not None or not good:
+        (folder / "chaos.json").write_text(json.dumps(found, indent=2) + "\n")
+    if arguments.json:
+        print(json.dumps(found, indent=2))
+    else:
+        console = Console(width=max(Console().width, 118), highlight=False)
+        console.print(table(runs))
+        print("\n".join(lines(plan, runs, skipped)), flush=True)
+    if arguments.out is None and good:
+        shutil.rmtree(folder)
+    else:
+        print(f"report in {folder}", file=sys.stderr)
+    return 0 if good else EXIT_DIFFERS
+
+
+def _folder(out: Path | None) -> Path:
+    if out is None:
+        return Path(tempfile.mkdtemp(prefix="treenail-chaos-"))
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise TreenailError(f"--out {out}: cannot hold a campaign: {error.strerror}") from error
+    if any(out.iterdir()):
+        raise TreenailError(f"--out {out}: expected an empty or new folder, got one with something in it")
+    return out.resolve()
+
+
+def _teller(quiet: bool) -> Callable[[str], None]:
+    """Return who says how it goes: beside the report when that is for programs."""
+    return lambda text: print(text, file=sys.stderr if quiet else sys.stdout, flush=True)
+
+
+def _parser() -> argparse.ArgumentParser:
+    kinds = "\n".join(f"  {name:<11}{says}" for name, says in plans.KINDS.items())
+    parser = Parser(prog=PROGRAM, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    run = parser.add_subparsers(metavar="COMMAND", required=True).add_parser(
+        "run",
+        help="carry out a campaign",
+        description=__doc__,
+        epilog=f"kinds of disturbances:\n{kinds}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    run.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file of the definition")
+    run.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
+    run.add_argument("--seed", type=int, default=0, help="seed of the plan and of the first run (default: 0)")
+    run.add_argument("--episodes", type=int, default=40, help="length of each run (default: 40)")
+    run.add_argument("--kills", type=int, default=20, metavar="N", help="processes to kill (default: 20)")
+    run.add_argument("--others", type=int, metavar="N", help="how often each other kind (default: one for 50 kills)")
+    for option, known, what in (
+        ("--kinds", tuple(plans.KINDS), "disturb"),
+        ("--services", plans.SERVICES, "kill and freeze"),
+    ):
+        run.add_argument(
+            option,
+            type=lambda text: text.split(","),
+            default=known,
+            metavar="A,B,...",
+            help=f"what to {what} only (default: {','.join(known)})",
+        )
+    run.add_argument(
+        "--control", action="store_true", help="compare with the next seed's run, to see that a difference is found"
+    )
+    run.add_argument("--out", type=Path, metavar="DIR", help="keep report and logs here (default: only of a failure)")
+    run.add_argument("--json", action="store_true", help="the report as JSON")
+    return parser
+
+
+if __name__ == "__main__":
+    sys.exit(main())

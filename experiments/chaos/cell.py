@@ -1,0 +1,189 @@
+"""A cell to disturb: started and kept running by the code of ``treenail up sim``, one service perhaps behind a tap."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import NamedTuple
+
+from experiments.chaos.clocks import Clocks
+from experiments.chaos.line import Faults
+from services.cli import plan as plans
+from services.cli.client import Client
+from services.cli.supervisor import Supervisor
+from services.cli.up import start_services
+from services.wire.command import Parser
+from services.wire.errors import CellError
+from services.wire.ports import free_port
+from services.wire.service import Options
+
+TAP_STOPS_S = 3.0
+
+
+class Order(NamedTuple):
+    """What a cell shall run."""
+
+    experiment: str
+    overrides: tuple[str, ...]
+    seed: int
+    episodes: int
+    out: Path
+    """Folder of its own, for logs and the store's file."""
+    viewer: bool
+
+
+@dataclass
+class Sides(Supervisor):
+    """A supervisor that starts one of the services at another router."""
+
+    far: str | None = None
+    endpoint: str = ""
+    far_endpoint: str = ""
+
+    def start(self, name: str, *arguments: str) -> None:
+        """Start a service where it belongs."""
+        if name == self.far:
+            arguments = tuple(self.far_endpoint if word == self.endpoint else word for word in arguments)
+        super().start(name, *arguments)
+
+
+class ChaosCell:
+    """A running cell. Use as a context manager; ``check`` has to be called all the time, as ``treenail up`` does."""
+
+    def __init__(self, order: Order, far: str | None, clocks: Clocks | None) -> None:
+        """``far`` is the service that stands behind the tap; None for no tap. Raises TreenailError."""
+        parser = Parser()
+        plans.add_arguments(parser)
+        words = ["sim", "--experiment", order.experiment, "--seed", str(order.seed), "--episodes", str(order.episodes)]
+        words += ["--out", str(order.out), "--port", "0"]
+        words += ["--viewer-port", "0", "--viewer-bind", "127.0.0.1", "--no-web"] if order.viewer else ["--no-viewer"]
+        words += [word for item in order.overrides for word in ("--set", item)]
+        self.plan = plans.plan_of(parser.parse_args(words))
+        self.far = far
+        self.clocks = clocks
+        self.surprises: list[str] = []
+        """How processes ended that nobody had killed."""
+        self.tapped: dict[str, int] = {}
+        """What the tap has done, once it has stopped."""
+        logs = order.out / "logs"
+        logs.mkdir(parents=True, exist_ok=True)
+        environment: Mapping[str, str] = {} if clocks is None else clocks.environment
+        far_endpoint = f"tcp/127.0.0.1:{free_port()}"
+        self._near = Sides(
+            logs, self._note, environment, far=far, endpoint=self.plan.endpoint, far_endpoint=far_endpoint
+        )
+        (logs / "far").mkdir(exist_ok=True)
+        self._far = Supervisor(logs / "far", self._note, environment)
+        self._tap: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> ChaosCell:
+        if self.clocks is not None:
+            self.clocks.set_right()
+        try:
+            if self.far is not None:
+                self._start_tap(self.far)
+            start_services(self.plan, self._near, self.check)
+        except BaseException:
+            self._stop()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stop()
+
+    def client(self) -> Client:
+        """Return a client of the cell."""
+        return Client(Options(self.plan.arguments.cell, (self.plan.endpoint,)))
+
+    def check(self) -> None:
+        """Start again what has died. Raises TreenailError for a service that cannot start, and for a tap that ended."""
+        self._near.check()
+        self._far.check()
+        if self._tap is not None and self._tap.poll() is not None:
+            raise CellError(f"tap: expected it to go on, it ended with status {self._tap.returncode}; see {self._log}")
+
+    def started(self, name: str) -> float | None:
+        """Return when a service's process was started (as ``time.monotonic``), or None while it has none."""
+        child = self._near.children[name]
+        return child.started if name in self._near.alive() else None
+
+    def runs(self, name: str) -> bool:
+        """Return whether a service has a process."""
+        return self.started(name) is not None
+
+    def send(self, name: str, number: signal.Signals) -> None:
+        """Send a signal to a service, or to the tap by that name; to a process that has just ended it does nothing."""
+        process = self._tap if name == "tap" else self._near.children[name].process
+        if process is not None:
+            process.send_signal(number)
+
+    def kill(self, name: str) -> None:
+        """Kill a service at once, and see it dead."""
+        process = self._near.children[name].process
+        if process is not None:
+            process.kill()
+
+    def fault(self, faults: Faults) -> None:
+        """Tell the tap what to do with messages from now on."""
+        assert self._tap is not None and self._tap.stdin is not None
+        self._tap.stdin.write(json.dumps(asdict(faults)).encode() + b"\n")
+        self._tap.stdin.flush()
+
+    def fill_disk(self, full: bool) -> None:
+        """Keep the store's process from writing a single byte to any file, or let it again."""
+        process = self._near.children["store"].process
+        if process is None or process.poll() is not None:
+            return
+        _, hard = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (0 if full else hard, hard))
+
+    # -- details -------------------------------------------------------------------------------------------------
+
+    @property
+    def _log(self) -> Path:
+        return self._far.log_folder / "tap.log"
+
+    def _note(self, text: str) -> None:
+        if "was killed by SIGKILL" not in text:
+            self.surprises.append(text.partition(";")[0])
+
+    def _start_tap(self, service: str) -> None:
+        self._far.start("router", "--listen", self._near.far_endpoint)
+        sides = ("--near", self.plan.endpoint, "--far", self._near.far_endpoint)
+        which = ("--service", service, "--cell", self.plan.arguments.cell, "--seed", str(self.plan.arguments.seed))
+        environment = {**os.environ, **self._near.environment, "PYTHONUNBUFFERED": "1"}
+        with self._log.open("wb") as log:
+            self._tap = subprocess.Popen(
+                [sys.executable, "-m", "experiments.chaos.tap", *sides, *which],
+                stdin=subprocess.PIPE,
+                stdout=log,
+                stderr=log,
+                env=environment,
+                start_new_session=True,
+            )
+
+    def _stop(self) -> None:
+        tap, self._tap = self._tap, None
+        if tap is not None and tap.stdin is not None:
+            tap.send_signal(signal.SIGCONT)
+            tap.stdin.close()  # at its end the tap says what it has done, and ends
+        self._near.stop()
+        self._far.stop()
+        if tap is not None:
+            try:
+                tap.wait(TAP_STOPS_S)
+            except subprocess.TimeoutExpired:
+                tap.kill()
+                tap.wait()
+            lines = [line for line in self._log.read_text(errors="replace").splitlines() if line.startswith("{")]
+            self.tapped = json.loads(lines[-1]) if lines else {}

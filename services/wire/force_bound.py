@@ -1,0 +1,47 @@
+"""The most that one motion can add to the force felt, by the model of wrist, arm and sensor.
+
+The wrist is a spring: k for shifts of its centre, c for turns, and it gives way where the sensor sits, ``lever`` behind
+the tip, so that a rotation about the tip by an angle a shifts it by lever times a. Whatever the surroundings do to a
+peg that settles, they take energy out of the spring; only the arm puts some in. Measured as sqrt(2 energy), the load
+therefore grows by no more than the arm's own motion, sqrt(k shift^2 + c turn^2), and the force by sqrt(k) times that.
+
+Not covered is the load that was there as a turn and becomes force when a jammed peg slips or swings. ``SETTLING_N`` is
+an allowance for that; docs/decisions/0011 has what was measured.
+"""
+
+from __future__ import annotations
+
+import math
+
+from services.wire.actions import Increment, increments
+from services.wire.definition import Definition
+
+SETTLING_N = 0.5
+"""Allowance for what a pressed peg's force does when it settles anew, without a motion to cause it [N]."""
+SURE = 5.0
+"""How many standard deviations of the errors of arm and sensor are allowed for: one motion in 3 million has more."""
+
+
+class ForceBound:
+    """The bound for one definition; pure."""
+
+    def __init__(self, definition: Definition) -> None:
+        wrist, noise = definition.wrist, definition.noise
+        self._per_mm = wrist.stiffness_n_per_mm
+        self._per_rad = math.sqrt(1000.0 * wrist.stiffness_n_per_mm * wrist.stiffness_nm_per_rad)
+        self._lever_mm = wrist.sensor_height_mm
+        shift_mm = max(noise.along_mm, noise.across_mm)
+        turn = math.radians(noise.turn_deg)
+        arm_n = math.hypot(self._per_mm * (shift_mm + self._lever_mm * turn), self._per_rad * turn)
+        # Twice the sensor's: the reading before may be too low, the one after too high.
+        self._unsure_n = SURE * noise.scale * math.sqrt(arm_n**2 + 2.0 * noise.force_n**2) + SETTLING_N
+        self.largest_n = max(map(self.added_n, increments(definition.moves)))
+        """The most that one of the experiment's actions adds [N]."""
+        self.needed_n = definition.limits.collision_force_n + self.largest_n
+        """The least hard limit [N] that lets every action pass as long as no collision has ended the episode."""
+
+    def added_n(self, increment: Increment) -> float:
+        """Return the most that a motion adds to the magnitude of the force [N], errors of arm and sensor included."""
+        tilt, turn = math.radians(math.hypot(*increment[3:5])), math.radians(math.hypot(*increment[3:]))
+        shift_mm = math.hypot(*increment[:3]) + self._lever_mm * tilt
+        return math.hypot(self._per_mm * shift_mm, self._per_rad * turn) + self._unsure_n

@@ -1,0 +1,205 @@
+"""Classifiers and learners of other packages: what they have to be, and how they are found.
+
+A package registers a class under the entry point group ``treenail.classifiers`` or ``treenail.learners``; a definition
+names it with ``kind = "plugin"``. Only what is installed can be named: nothing is ever loaded from a message.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, NamedTuple, Protocol, TypeVar
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from services.wire.definition import Definition, Plugin, Policy, Setting
+from services.wire.errors import TreenailError
+
+CLASSIFIERS, LEARNERS = "treenail.classifiers", "treenail.learners"
+"""Groups of entry points."""
+
+T = TypeVar("T")
+
+
+class PluginError(TreenailError):
+    """A plug-in that is not installed, cannot be loaded, or refuses its settings."""
+
+
+class ClassifierFullError(Exception):
+    """An input fits no class, and no other can be made. Nothing was learnt."""
+
+
+class Classification(NamedTuple):
+    """Answer to one presentation."""
+
+    state: int
+    """Number of the class, from 0 in order of birth; -1 if ``classify`` found none that fits."""
+    states: int
+    """Number of classes after this presentation."""
+    match: float
+    """How well it fits the class answered, in [0, 1]; where none fits, the best one, or 0 if there is no class."""
+    new: bool
+    """Whether this presentation made the class."""
+
+
+class Classifier(Protocol):
+    """What turns F/T vectors into contact states. Called with its settings, for example ``FuzzyArt({"rho": 0.9})``.
+
+    Its answers depend on its settings and the vectors learnt so far and on nothing else: no clock, no dice, no file.
+    Settings that it does not like are a ValueError, which must say what was expected and what came.
+    """
+
+    @property
+    def states(self) -> int:
+        """Number of classes."""
+
+    @property
+    def encoding(self) -> str:
+        """Name of the inputs that the prototypes stand in."""
+
+    @property
+    def prototypes(self) -> NDArray[np.float64]:
+        """One row a class, shape (states, inputs)."""
+
+    @property
+    def counts(self) -> NDArray[np.int64]:
+        """Presentations that each class has learnt, shape (states,)."""
+
+    def learn(self, force_n: Sequence[float], torque_nm: Sequence[float]) -> Classification:
+        """Classify one vector (three components each, [N] and [N m]) and learn it; make a class if none fits.
+
+        ValueError for a vector that it cannot take; ClassifierFullError when no class can be made.
+        """
+
+    def classify(self, force_n: Sequence[float], torque_nm: Sequence[float]) -> Classification:
+        """Classify one vector and change nothing. ValueError as ``learn``."""
+
+    def snapshot(self) -> dict[str, bytes | int]:
+        """Return all that was learnt, the number of classes as ``states`` among it."""
+
+    def restore(self, snapshot: Mapping[str, bytes | int]) -> None:
+        """Take over a snapshot, to the last bit. ValueError, with nothing changed, when it does not fit."""
+
+    def digest(self) -> str:
+        """Return a SHA-256 in hex: equal for equal memories."""
+
+
+class Learner(Protocol):
+    """What learns actions. Called as ``Learner(actions, settings, policy, seed)``, ``settings`` being a mapping.
+
+    Its table is a function of the updates alone, and an action of (table, seed, episode, step). The easiest way to one
+    is a subclass of ``services.agent.learning.Learner``.
+    """
+
+    episodes_before: int
+    """Episodes that the table was learnt in before this run; whoever begins with a skill sets it."""
+
+    @property
+    def states(self) -> int:
+        """Rows of the table: 1 + the highest state updated so far."""
+
+    @property
+    def actions(self) -> int:
+        """Number of actions."""
+
+    @property
+    def version(self) -> int:
+        """Number of updates so far."""
+
+    @property
+    def q(self) -> NDArray[np.float64]:
+        """Action values, shape (states, actions)."""
+
+    @property
+    def visits(self) -> NDArray[np.int64]:
+        """Number of updates of each value, shape (states, actions)."""
+
+    def values(self, state: int) -> NDArray[np.float64]:
+        """Return the values of a state, shape (actions,). ValueError when it is out of range."""
+
+    def chances(self, state: int, episode: int) -> NDArray[np.float64]:
+        """Return the probability of each action in a state, shape (actions,). ValueError when out of range."""
+
+    def best_action(self, state: int) -> int:
+        """Return an action of the highest value."""
+
+    def decide(self, previous: tuple[int, int, float] | None, state: int, episode: int, step: int) -> int:
+        """Learn from ``previous`` (state, action, reward), which led to ``state``, and return the action to take there.
+
+        ``previous`` is None at an episode's first decision. ValueError, with nothing changed, for numbers out of range.
+        """
+
+    def finish(self, previous: tuple[int, int, float]) -> None:
+        """Learn from the last (state, action, reward) of an episode."""
+
+    def snapshot(self) -> dict[str, bytes | int]:
+        """Return the table, ``states`` and ``version`` among it."""
+
+    def restore(self, snapshot: Mapping[str, bytes | int]) -> None:
+        """Take over a snapshot, to the last bit. ValueError, with nothing changed, when it does not fit."""
+
+    def digest(self) -> str:
+        """Return a SHA-256 in hex: equal for equal tables."""
+
+
+def installed(group: str) -> dict[str, EntryPoint]:
+    """Return what installed packages register in a group, by name; PluginError when two claim the same name."""
+    found: dict[str, EntryPoint] = {}
+    for point in entry_points(group=group):
+        other = found.setdefault(point.name, point)
+        if other.value != point.value:
+            both = f"{other.value} and {point.value}"
+            raise PluginError(f"{group}: expected one plug-in named {point.name!r}, got {both}")
+    return found
+
+
+def classifier(plugin: Plugin) -> Classifier:
+    """Return a classifier that has learnt nothing. Raises PluginError."""
+    made: Classifier = _made(CLASSIFIERS, "classifier", plugin)
+    return made
+
+
+def learner(plugin: Plugin, actions: int, policy: Policy, seed: int) -> Learner:
+    """Return a learner that has learnt nothing. Raises PluginError."""
+    made: Learner = _made(LEARNERS, "learner", plugin, actions, policy, seed)
+    return made
+
+
+def check(definition: Definition) -> None:
+    """Raise PluginError when a definition names what is not there, or what refuses its settings."""
+    if isinstance(definition.classifier, Plugin):
+        classifier(definition.classifier)
+    if isinstance(definition.learner, Plugin):
+        learner(definition.learner, definition.moves.actions, definition.policy, 0)
+
+
+def settings_as(wanted: type[T], given: Mapping[str, Setting]) -> T:
+    """Return a plug-in's settings as the msgspec struct that it wants them in. Raises ValueError."""
+    try:
+        return msgspec.convert(given, wanted)
+    except msgspec.ValidationError as error:
+        raise ValueError(str(error)) from None
+
+
+def _made(group: str, what: str, plugin: Plugin, *rest: object) -> Any:
+    """Return what a plug-in makes of its settings; those come before all of ``rest`` but a learner's actions."""
+    known = installed(group)
+    if plugin.name not in known:
+        names = ", ".join(sorted(known)) or "nothing that is installed"
+        raise PluginError(f"{what}.name: expected one of {names}, got {plugin.name!r}; is its package installed?")
+    point = known[plugin.name]
+    try:
+        kind = point.load()
+    except Exception as error:  # an import runs whatever code the package has
+        raise PluginError(f"{what} {plugin.name!r}: {point.value} cannot be loaded: {_line(error)}") from error
+    leading, trailing = rest[:1], rest[1:]
+    try:
+        return kind(*leading, dict(plugin.settings), *trailing)
+    except (TypeError, ValueError) as error:
+        raise PluginError(f"{what} {plugin.name!r}: settings: {_line(error)}") from error
+
+
+def _line(error: Exception) -> str:
+    return " ".join(f"{type(error).__name__}: {error}".split()) if str(error) else type(error).__name__
