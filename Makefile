@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 ARGS ?=
 
-.PHONY: help setup sim reproduce chaos test check lock docs clean
+.PHONY: help setup sim reproduce chaos test check fuzz lock docs clean
 
 help:  ## show this
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -36,6 +36,10 @@ check: setup  ## formatting, lint, types, import contracts
 
 test: check  ## everything: check, then all tests; ARGS="-k art2"
 	$(BIN)/pytest $(ARGS)
+
+fuzz: setup  ## a million hostile inputs for all that reads, then 20000 for a living cell; ARGS="--inputs 50000"
+	$(BIN)/python -m experiments.fuzz $(ARGS)
+	TREENAIL_FUZZ_CELL=20000 $(BIN)/pytest --timeout 1200 tests/integration/test_fuzz_cell.py
 
 docs: setup  ## write docs/contract.md again from services/wire
 	$(BIN)/python -m services.wire.contract > docs/contract.md

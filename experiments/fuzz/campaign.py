@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from random import Random
 
-from experiments.fuzz import memory_targets, wire_targets
+from experiments.fuzz import memory_targets, viewer_targets, wire_targets
 from experiments.fuzz.sound import small_run
 from experiments.fuzz.target import Target, outcome
 
@@ -57,7 +57,7 @@ class Report:
 def all_targets() -> list[Target]:
     """Return all readers."""
     run = small_run()
-    return [*wire_targets.targets(run), *memory_targets.targets(run)]
+    return [*wire_targets.targets(run), *memory_targets.targets(run), *viewer_targets.targets(run)]
 
 
 def input_of(target: Target, seed: int, number: int) -> object:

@@ -12,12 +12,13 @@ import zenoh
 from zenoh.handlers import Callback
 
 from services.wire import command
-from services.wire.codec import decode, encoding_of
+from services.wire.codec import decode, decode_json, encoding_of
 from services.wire.errors import ContractError, NoAnswerError, RefusedError, WrongVersionError
 from services.wire.keys import ROOT, Keys
 from services.wire.messages import Message, Refusal
 from services.wire.service import Options
 from services.wire.session import come_after, open_client
+from services.wire.text import one_line
 
 M = TypeVar("M", bound=Message)
 
@@ -154,13 +155,14 @@ class Client:
 def _refusal(error: zenoh.ReplyError, timeout_s: float) -> str:
     """Return in words what an error reply says."""
     payload, encoding = error.payload.to_bytes(), str(error.encoding)
-    if encoding == "application/json":
-        fields = json.loads(payload)
-        return f"refused ({fields.get('reason')}): {fields.get('message')}"
-    if encoding == encoding_of(Refusal):
-        refusal = decode(Refusal, payload, encoding)
-        return f"refused ({refusal.reason}): {refusal.message}"
-    text = payload[:200].decode(errors="replace")
+    if encoding in ("application/json", encoding_of(Refusal)):
+        try:
+            as_json = encoding == "application/json"
+            refusal = decode_json(Refusal, payload) if as_json else decode(Refusal, payload, encoding)
+        except ContractError as unreadable:
+            return f"refused, but not in the words of the contract: {unreadable}"
+        return f"refused ({refusal.reason}): {one_line(refusal.message, 1000)}"
+    text = one_line(payload[:200].decode(errors="replace"))
     return f"expected an answer within {timeout_s:g} s, got none" if text == "Timeout" else text
 
 
@@ -170,5 +172,5 @@ def _json(sample: zenoh.Sample) -> object:
         raise ContractError(f"{sample.key_expr}: expected JSON, got encoding {str(sample.encoding)[:100]!r}")
     try:
         return json.loads(sample.payload.to_bytes())
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ContractError(f"{sample.key_expr}: expected JSON, got something else: {error}") from None

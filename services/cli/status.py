@@ -19,6 +19,7 @@ from services.wire.errors import ContractError, TreenailError
 from services.wire.keys import EXPERIMENT
 from services.wire.messages import Alive, Experiment
 from services.wire.service import HEARTBEAT_S
+from services.wire.text import one_line
 
 LOOK_S = 1.2 * HEARTBEAT_S
 """How long is looked: every work loop that goes round beats in this time."""
@@ -53,7 +54,7 @@ def act(arguments: argparse.Namespace) -> None:
         return
     console().print(_table(title(seen), rows))
     if strangers := [str(one["service"]) for one in rows if one["contract_matches"] is False]:
-        names = ", ".join(strangers)
+        names = one_line(", ".join(strangers))
         print(f"another contract than this command's ({ours[:12]}): {names}; update them together, they cannot talk")
 
 
@@ -162,7 +163,7 @@ def _table(heading: str, rows: list[dict[str, str | int | float | bool | None]])
         shown = {**one, "heartbeat": beat, "host": host, "contract": contract.strip(), "refused": refused}
         cells = ("" if shown[name] is None else str(shown[name]) for name in HEADINGS)
         bad = one["contract_matches"] is not True or age_s is None
-        table.add_row(*(Text(cell) for cell in cells), style="red" if bad else None)
+        table.add_row(*(Text(one_line(cell)) for cell in cells), style="red" if bad else None)
     return table
 
 

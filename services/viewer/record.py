@@ -188,7 +188,11 @@ class Recorder:
         return Bars(RUN, time_ns, firsts, means, width) if more and len(firsts) else None
 
     def table(self, answer: QTable, time_ns: int) -> Table | None:
-        """Return the action values for showing; None while the agent knows no state, and while nothing changes."""
+        """Return the action values for showing; None while the agent knows no state, and while nothing changes.
+
+        Raises BadPayloadError when there is not one row a state and one column an action.
+        """
+        _check_shape(answer)
         known = (answer.run, answer.decisions, answer.digest)
         if not answer.q or known == self._shown:
             return None
@@ -260,6 +264,17 @@ def line(summary: EpisodeSummary) -> str:
     return (
         f"{summary.outcome:<11}{summary.episode_return:7.1f} {summary.mean_force_n:5.2f} {summary.peak_force_n:5.2f} N"
     )
+
+
+def _check_shape(answer: QTable) -> None:
+    """Raise BadPayloadError for a table that is none."""
+    states, actions = len(answer.q), len(answer.actions)
+    widths = {len(row) for row in (*answer.q, *answer.visits)}
+    if not (len(answer.visits) == len(answer.best_action) == states and widths <= {actions}):
+        expected = f"{states} rows of {actions} values, {states} of visits and {states} best actions"
+        raise BadPayloadError(f"QTable: expected {expected}, got other sizes")
+    if any(best >= actions for best in answer.best_action):
+        raise BadPayloadError(f"QTable: expected best actions below {actions}, got {max(answer.best_action)}")
 
 
 def _placement(entity: str, time_ns: int, pose: PoseNumbers) -> Placement:

@@ -17,7 +17,7 @@ from services.viewer.address import bracketed
 from services.viewer.stream import Stream
 from services.viewer.web import WebServer
 from services.wire.codec import decode
-from services.wire.errors import TreenailError
+from services.wire.errors import BadPayloadError, TreenailError
 from services.wire.keys import ACTION, EPISODE, EXPERIMENT, FT, Q_TABLE, REWARD, STATE, TRUTH
 from services.wire.messages import (
     Action,
@@ -188,8 +188,16 @@ class ViewerShell:
             self._stream.scene(experiment.definition)
         for item in self._recorder.flush(start_ns, end_ns):
             self._stream.send(item)
+        self._show_table(end_ns)
+
+    def _show_table(self, now_ns: int) -> None:
+        """Send the action values when they have been answered; refuse and count those that are no table."""
         answer = self._q_table.answer()
-        table = None if answer is None else self._recorder.table(answer, end_ns)
+        try:
+            table = None if answer is None else self._recorder.table(answer, now_ns)
+        except BadPayloadError as error:
+            self._service.refuse(error)
+            return
         if table is not None:
             self._stream.send(table)
 

@@ -76,6 +76,14 @@ def decode_payload(kind: type[M], payload: bytes) -> M:
     return message
 
 
+def decode_json(kind: type[M], payload: bytes) -> M:
+    """Return the message in a JSON object such as ``encode_json`` makes. Raises BadPayloadError."""
+    try:
+        return msgspec.json.decode(payload, type=kind)
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise BadPayloadError(f"{kind.__name__}: {one_line(str(error))}") from error
+
+
 def decode_any(payload: bytes, encoding: str) -> Message:
     """Return the message of whichever type ``encoding`` names. Raises ContractError like ``decode``."""
     match = _ENCODING.match(encoding)

@@ -17,8 +17,9 @@ os.environ.setdefault(
 )
 # A timestamp says who sent a message. One that is further ahead of the own clock than this would be replaced by whoever
 # gets it, as if it were a message of his own: then a clock that jumps, or two machines half a second apart, would stop
-# the cell. Nothing here takes these timestamps for the time of day; they follow the clock that is furthest ahead.
-os.environ.setdefault("UHLC_MAX_DELTA_MS", str(100 * 366 * 24 * 3600 * 1000))
+# the cell. Nothing here takes these timestamps for the time of day. They follow the clock that is furthest ahead, only
+# not into 2106, where Zenoh's time ends: one message from there would stop the cell for good.
+os.environ.setdefault("UHLC_MAX_DELTA_MS", str(20 * 366 * 24 * 3600 * 1000))
 
 import zenoh
 

@@ -24,6 +24,8 @@ DOCKER = {
     "docker compose --profile secure up": "test_a_secured_cell_learns_the_same_and_shuts_strangers_out",
 }
 """Where each of Docker's commands is run."""
+CAMPAIGN = "treenail chaos run --kills 20"
+"""Is run in tests/chaos."""
 MY_OWN = 'name = "my-own"\nepisodes = 3\n'
 
 
@@ -48,6 +50,7 @@ def treenail(command: str, *more: str) -> list[str]:
 
 
 LONELY = of("treenail experiment", "treenail certs", "treenail up sim --certs")
+JOURNALS = of("treenail replay", "treenail diff")
 ASKING = of(
     "treenail status",
     "treenail top",
@@ -60,7 +63,7 @@ ASKING = of(
 
 
 def test_every_command_is_run_somewhere() -> None:
-    known = {*LONELY, *ASKING, *DOCKER, "make sim", "rerun rerun+http://HOST:9876/proxy"}
+    known = {*LONELY, *JOURNALS, *ASKING, *DOCKER, CAMPAIGN, "make sim", "rerun rerun+http://HOST:9876/proxy"}
     assert set(COMMANDS) == known
     tests = (ROOT / "tests" / "containers" / "test_compose.py").read_text()
     assert all(f"def {name}(" in tests for name in DOCKER.values())
@@ -72,6 +75,14 @@ def test_what_needs_no_cell(tmp_path: Path) -> None:
         run(treenail(command, *(SHORT if " up " in command else ())), tmp_path)
     assert (tmp_path / "runs" / "mine" / "return.png").exists()
     assert (tmp_path / "certs" / "agent" / "key.pem").exists()
+
+
+def test_what_needs_journals_alone(tmp_path: Path) -> None:
+    for folder in ("kept", "other"):
+        up = f"treenail up sim --no-viewer --seed 3 --out runs/{folder}"
+        run(treenail(up, *SHORT), tmp_path)
+    for command in JOURNALS:
+        assert run(treenail(command), tmp_path).stdout.strip(), command
 
 
 @pytest.fixture

@@ -21,7 +21,7 @@ from experiments.fuzz.mutate import TEXTS, Node, mutate_payload, mutate_text
 from experiments.fuzz.sound import small_run
 from services.store.contents import check
 from services.wire import keys as names
-from services.wire.codec import ENCODING_PREFIX, decode, encoding_of
+from services.wire.codec import ENCODING_PREFIX, decode, encode, encoding_of
 from services.wire.errors import ContractError
 from services.wire.keys import CONTRACT
 from services.wire.messages import MESSAGES, Alive, Message, Refusal
@@ -29,7 +29,7 @@ from services.wire.session import open_client
 
 INPUTS = int(os.environ.get("TREENAIL_FUZZ_CELL", "2000"))
 BATCHES = 40
-EPISODES = 40
+EPISODES = 40 if INPUTS <= 2000 else 120
 SERVICES = ("task", "sim", "classifier", "agent", "store", "viewer")
 HEARD_BY = {
     names.FT: "task",
@@ -254,7 +254,6 @@ def test_hostile_input_on_every_key_and_in_every_query_changes_nothing(
     for name, count in enemy.refused.items():
         assert shown[name] >= count > 0, name
     grown = {name: size - middle[name] for name, size in resident_bytes(whole).items()}
-    print(grown)
     assert max(grown.values()) < MOST_GROWTH_BYTES, grown
 
 
@@ -291,5 +290,55 @@ def test_what_is_far_too_large_is_refused_and_not_kept(
     assert whole.digests() == reference(EPISODES)
     unharmed(whole, before)
     grown = {name: size - first[name] for name, size in resident_bytes(whole).items()}
-    print(grown)
     assert max(grown.values()) < MOST_GROWTH_BYTES, grown
+
+
+@pytest.mark.parametrize("seconds", [1, 2**31, 2**32 - 1], ids=["1970", "2038", "2106"])
+def test_a_message_from_another_time_stops_nobody(
+    whole: Any, enemy: Enemy, reference: Callable[..., dict[str, str]], seconds: int
+) -> None:
+    """Zenoh's clocks follow the timestamps that they see, and its time ends in 2106."""
+    before = instances(whole)
+    stamp = zenoh.Timestamp(zenoh.NTP64(seconds, 999_999_999), bytes([7] * 8))
+    for name in (*HEARD_BY, "journal/enemy/run", "heartbeat/task"):
+        enemy.session.put(whole.keys.of(name), b"x", encoding="text/plain", timestamp=stamp)
+    assert whole.digests() == reference(EPISODES)
+    unharmed(whole, before)
+
+
+LIES = (
+    (True, b"\xc1", encoding_of(Alive)),
+    (True, b"{}", "application/json"),
+    (True, b"", ""),
+    (False, b"[]", "application/json"),
+    (False, b"{", "application/json"),
+    (False, b"[" * 100_000, "application/json"),
+    (False, b"\xc1", encoding_of(Refusal)),
+    (False, encode(Refusal(reason="guard", message="\x1b[2J\nnothing to see")), encoding_of(Refusal)),
+    (False, b"\x1b[2J\xff", "text/plain"),
+)
+"""Answers that nobody of ours gives: a good one or an error, payload, encoding."""
+
+
+def test_status_shows_a_cell_in_which_somebody_answers_with_rubbish(
+    whole: Any, enemy: Enemy, run_module: Callable[..., Any]
+) -> None:
+    declared: list[object] = []
+    for number, lie in enumerate(LIES):
+        key = whole.keys.alive(f"liar-{number}")
+
+        def answer(query: zenoh.Query, key: str = key, lie: tuple[bool, bytes, str] = lie) -> None:
+            good, payload, encoding = lie
+            with query:
+                if good:
+                    query.reply(key, payload, encoding=encoding)
+                else:
+                    query.reply_err(payload, encoding=encoding)
+
+        declared.append(enemy.session.declare_queryable(key, answer))
+    for words in (("status",), ("status", "--json")):
+        process = run_module("services.cli.main", *words, "--connect", whole.endpoint)
+        assert process.end() == 0, process.err
+        assert process.err == ""
+        assert all(name in process.out for name in SERVICES)
+        assert "\x1b[2J" not in process.out

@@ -207,7 +207,10 @@ def test_nothing_goes_past_the_limits(name: str) -> None:
     limits, moves = definition.limits, definition.moves
     assert enemy.peak_n < limits.hard_force_n
     assert enemy.deepest_mm <= limits.success_fraction * definition.parts.peg_height_mm + moves.insertion_mm + 1e-6
-    assert enemy.farthest_mm <= (limits.workspace_mm or limits.move_limit * moves.lateral_mm * 2) + 1e-6
+    assert (
+        enemy.farthest_mm
+        <= (limits.workspace_mm or limits.move_limit * max(moves.lateral_mm, moves.insertion_mm)) + 1e-6
+    )
     assert enemy.most_turned_deg <= (limits.workspace_deg or 180.0) + 1e-6
     # An enemy that is let do nothing, or that nobody has to stop, proves nothing.
     assert enemy.seen["made"] > COMMANDS / 10
