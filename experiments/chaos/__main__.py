@@ -10,24 +10,35 @@ import argparse
 import json
 import os
 import shutil
+import signal
 import sys
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
+from rich.console import Console
+
 from experiments.chaos import plan as plans
+from experiments.chaos.campaign import RunReport, Settings, carry_out
+from experiments.chaos.clocks import Clocks, NoClocksError
+from experiments.chaos.reference import Reference, undisturbed
+from experiments.chaos.report import as_json, lines, table, well
 from services.wire.command import EXIT_ERROR, Parser
+from services.wire.definition import Definition
 from services.wire.definition_file import check_run, load
 from services.wire.errors import TreenailError
 
 PROGRAM = "treenail chaos"
 EXIT_DIFFERS, EXIT_INTERRUPTED = 1, 130
 OTHERS_PER_KILLS = 50
+TABLE_WIDTH = 118
 
 
 def main(words: Sequence[str] | None = None) -> int:
     """Do what the command line (or ``words`` in its place) says and return the exit status."""
     arguments = _parser().parse_args(words)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: nothing is left running
     try:
         return _run(arguments)
     except TreenailError as error:
@@ -42,32 +53,40 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    # Loaded only now: --help and a wrong option need none of it.
-    from rich.console import Console
-
-    from experiments.chaos.campaign import Settings, carry_out
-    from experiments.chaos.clocks import Clocks, NoClocksError
-    from experiments.chaos.reference import undisturbed
-    from experiments.chaos.report import as_json, lines, table, well
-
     definition = load(arguments.experiment, arguments.set)
     check_run(arguments.seed, arguments.episodes)
     others = max(1, arguments.kills // OTHERS_PER_KILLS) if arguments.others is None else arguments.others
-    kinds = list(arguments.kinds)
-    plans.make(arguments.seed, arguments.kills, others, kinds, arguments.services)  # what is wrong is said at once
-    folder = _folder(arguments.out)
-    skipped: dict[str, str] = {}
-    clocks = None
-    if set(kinds) & set(plans.CLOCK):
-        (folder / "clocks").mkdir(exist_ok=True)
-        try:
-            clocks = Clocks(folder / "clocks")
-        except NoClocksError as error:
-            skipped = {kind: str(error) for kind in kinds if kind in plans.CLOCK}
-            kinds = [kind for kind in kinds if kind not in skipped]
-    if not kinds:
-        raise TreenailError(f"--kinds: expected some that can be done here, got none: {'; '.join(skipped.values())}")
-    plan = plans.make(arguments.seed, arguments.kills, others, kinds, arguments.services)
+
+    def planned(kinds: Sequence[str]) -> plans.Plan:
+        return plans.make(arguments.seed, arguments.kills, others, kinds, arguments.services)
+
+    planned(arguments.kinds)  # what is wrong is said before anything starts
+    with _folder(arguments.out) as folder:
+        clocks, skipped = _clocks(folder, arguments.kinds)
+        kinds = [kind for kind in arguments.kinds if kind not in skipped]
+        if not kinds:
+            why = "; ".join(set(skipped.values()))
+            raise TreenailError(f"--kinds: expected some that can be done here, got none: {why}")
+        plan = planned(kinds)
+        runs = _carry_out(arguments, definition, plan, clocks, folder)
+        return _tell(arguments, plan, runs, skipped, folder)
+
+
+def _clocks(folder: Path, kinds: Sequence[str]) -> tuple[Clocks | None, dict[str, str]]:
+    """Return the clocks if any kind needs them, and which kinds have to be skipped, with the reason."""
+    wanted = [kind for kind in kinds if kind in plans.CLOCK]
+    if not wanted:
+        return None, {}
+    (folder / "clocks").mkdir()
+    try:
+        return Clocks(folder / "clocks"), {}
+    except NoClocksError as error:
+        return None, dict.fromkeys(wanted, str(error))
+
+
+def _carry_out(
+    arguments: argparse.Namespace, definition: Definition, plan: plans.Plan, clocks: Clocks | None, folder: Path
+) -> list[RunReport]:
     settings = Settings(
         experiment=arguments.experiment,
         overrides=tuple(arguments.set),
@@ -77,36 +96,54 @@ def _run(arguments: argparse.Namespace) -> int:
         viewer="viewer" in arguments.services,
         out=folder,
     )
-    beside = 1 if arguments.control else 0
-    say = _teller(arguments.json)
-    runs = carry_out(settings, plan, clocks, say, lambda what, seed, length: undisturbed(what, seed + beside, length))
-    found = as_json(plan, runs, skipped)
-    good = well(plan, runs)
-    if arguments.out is not None or not good:
-        (folder / "chaos.json").write_text(json.dumps(found, indent=2) + "\n")
+
+    def reference(what: Definition, seed: int, episodes: int) -> Reference:
+        return undisturbed(what, seed + 1 if arguments.control else seed, episodes)
+
+    return carry_out(settings, plan, clocks, _teller(arguments.json), reference)
+
+
+def _tell(
+    arguments: argparse.Namespace,
+    plan: plans.Plan,
+    runs: Sequence[RunReport],
+    skipped: Mapping[str, str],
+    folder: Path,
+) -> int:
+    """Print the report and return the exit status; a temporary folder stays only when something is wrong."""
+    good, found = well(plan, runs), json.dumps(as_json(plan, runs, skipped), indent=2)
     if arguments.json:
-        print(json.dumps(found, indent=2))
+        print(found, flush=True)
     else:
-        console = Console(width=max(Console().width, 118), highlight=False)
+        console = Console(width=max(Console().width, TABLE_WIDTH), highlight=False)
         console.print(table(runs))
         print("\n".join(lines(plan, runs, skipped)), flush=True)
     if arguments.out is None and good:
         shutil.rmtree(folder)
     else:
+        (folder / "chaos.json").write_text(found + "\n")
         print(f"report in {folder}", file=sys.stderr)
     return 0 if good else EXIT_DIFFERS
 
 
-def _folder(out: Path | None) -> Path:
+@contextmanager
+def _folder(out: Path | None) -> Iterator[Path]:
+    """A folder for the campaign: ``out``, which has to be empty, or a temporary one that does not outlive an error."""
     if out is None:
-        return Path(tempfile.mkdtemp(prefix="treenail-chaos-"))
+        folder = Path(tempfile.mkdtemp(prefix="treenail-chaos-"))
+        try:
+            yield folder
+        except BaseException:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
+        return
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise TreenailError(f"--out {out}: cannot hold a campaign: {error.strerror}") from error
     if any(out.iterdir()):
         raise TreenailError(f"--out {out}: expected an empty or new folder, got one with something in it")
-    return out.resolve()
+    yield out.resolve()
 
 
 def _teller(quiet: bool) -> Callable[[str], None]:

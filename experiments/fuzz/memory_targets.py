@@ -222,6 +222,8 @@ def _json_definition() -> Target:
             fields = json.loads(given)
         except (ValueError, RecursionError) as error:
             raise DefinitionError("no JSON") from error
+        if not isinstance(fields, dict):
+            raise DefinitionError("no JSON object")
         _check_definition(check(fields, {}, "fuzz.json"))
 
     seeds = [msgspec.json.encode(DEFINITION)]

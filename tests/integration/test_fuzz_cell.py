@@ -253,7 +253,12 @@ def test_hostile_input_on_every_key_and_in_every_query_changes_nothing(
     assert set(enemy.refused) == set(SERVICES)
     for name, count in enemy.refused.items():
         assert shown[name] >= count > 0, name
-    grown = {name: size - middle[name] for name, size in resident_bytes(whole).items()}
+    after = resident_bytes(whole)
+    grown = {name: size - middle[name] for name, size in after.items()}
+    print(f"\n{enemy.sent.total()} inputs on {len(enemy.sent)} keys; queries: {dict(sorted(enemy.answers.items()))}")
+    for name in SERVICES:
+        counts = ", ".join(f"{count} {error}" for error, count in sorted(whole.refused(name).items()))
+        print(f"{name:<10}  {after[name] / 1e6:6.1f} MB, {grown[name] / 1e6:+5.1f} since half-way; refused: {counts}")
     assert max(grown.values()) < MOST_GROWTH_BYTES, grown
 
 
