@@ -48,6 +48,7 @@ TEXTS = (
 )
 _BLOCKS = (b"", b"\0", b"\x80\x04N.", b"\xff" * 8, b"\0\0\0\0\0\0\xf8\x7f", b"\0\0\0\0\0\0\xf0\x7f", b"\x7f" * 48)
 _ITEM_BYTES = 8
+_PACKER = msgpack.Packer(buf_size=4096)
 _CHANGES = (1, 1, 1, 2, 4)
 _HEADS = (b"\xdd", b"\xdf", b"\xdb", b"\xc6", b"\xc9")
 _LENGTHS = (b"\xff\xff\xff\xff", b"\x7f\xff\xff\xff", b"\x00\x01\x00\x00", b"\x04\x00\x00\x00")
@@ -75,17 +76,17 @@ def pack(node: Node) -> bytes:
     """Return the MessagePack bytes of a value, well-formed or not."""
     if isinstance(node, Raw):
         return bytes(node)
-    packer = msgpack.Packer()
     if isinstance(node, dict | Pairs):
         pairs = list(node.items()) if isinstance(node, dict) else node
-        head: bytes = packer.pack_map_header(len(pairs))
+        head: bytes = _PACKER.pack_map_header(len(pairs))
         return head + b"".join(pack(key) + pack(value) for key, value in pairs)
     if isinstance(node, list | tuple):
-        head = packer.pack_array_header(len(node))
+        head = _PACKER.pack_array_header(len(node))
         return head + b"".join(map(pack, node))
     try:
-        packed: bytes = packer.pack(node)
+        packed: bytes = _PACKER.pack(node)
     except OverflowError:  # a whole number beyond what MessagePack has
+        _PACKER.reset()
         return b"\xcf" + b"\xff" * 8
     return packed
 

@@ -157,7 +157,7 @@ def test_skill_that_does_not_fit_is_refused_and_the_run_goes_on(
     assert "SkillError): skill: expected the actions" in live.processes["task"].out
     restart(live, "task")  # which finds a skill that does not fit, and has to know what it worked on
     live.wait_alive("task")
-    assert live.refused("task") == {"SkillError": 1}
+    wait_until("it is refused again", lambda: live.refused("task") == {"SkillError": 1})
     assert live.experiment().skill_sha256 == learnt.sha256
     assert live.digests() == expected
 
