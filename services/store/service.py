@@ -20,6 +20,7 @@ from services.wire.codec import decode_any, encode, encode_json, encoding_of
 from services.wire.errors import BadPayloadError, CellError, TreenailError
 from services.wire.messages import Refusal
 from services.wire.service import Options, Service
+from services.wire.text import one_line
 
 STORED = ("checkpoint/**", "journal/**")
 PRUNE_EVERY = 2000
@@ -28,7 +29,7 @@ BATCH = 200
 
 
 class StoreFailedError(TreenailError):
-    """What was put could not be written; earlier data is intact."""
+    """What was put could not be written, or what is stored not be read; other data is intact."""
 
 
 def serve(options: Options, path: Path, retention: RetentionSettings, max_bytes: int | None) -> None:
@@ -114,12 +115,12 @@ class StoreShell:
             for value in self._database.get(str(query.key_expr)):
                 _reply(query, value, as_json)
         except (StoreError, TreenailError) as error:
-            refusal = Refusal(reason="bad_request", message=str(error)[:1000])
+            refusal = Refusal(reason="bad_request", message=one_line(str(error), 1000))
             if as_json:
                 query.reply_err(encode_json(refusal), encoding="application/json")
             else:
                 query.reply_err(encode(refusal), encoding=encoding_of(Refusal))
-            self._service.refuse(StoreFailedError(f"query: {error}"))
+            self._service.refuse(error if isinstance(error, TreenailError) else StoreFailedError(f"query: {error}"))
 
     def _prune(self) -> None:
         self._until_prune = PRUNE_EVERY

@@ -27,7 +27,7 @@ from services.wire.text import one_line
 _TABLE = re.compile(r"^\s*\[([A-Za-z0-9_.\s]+)\]")
 _KEY = re.compile(r"^\s*([A-Za-z0-9_.]+)\s*=")
 _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<path>[^`]*)`)?$", re.DOTALL)
-_UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
+_UNKNOWN = re.compile(r"Object contains unknown field `(.*)`", re.DOTALL)
 _MAX_FILE_BYTES = 65_536
 _USUAL_KINDS = {"classifier": "art2", "learner": "q_learning"}
 """What these tables are when they do not say so."""
