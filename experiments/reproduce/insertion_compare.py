@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import groupby
 from typing import NamedTuple
 
@@ -77,7 +78,9 @@ def compare(reported: Reported, figures: Sequence[Figures], episodes: int) -> li
         rows.append(
             Comparison("mean torque, last quarter", f"about {torque:g} N m", values, rule, why("torque"), "N m")
         )
-    return rows + _failures(reported, figures, why("failures"))
+    rows += _failures(reported, figures, why("failures"))
+    # The page's summary shows the rows of all experiments under each other.
+    return [replace(row, what=f"{reported.name}: {row.what}") for row in rows]
 
 
 def _failures(reported: Reported, figures: Sequence[Figures], why: str) -> list[Comparison]:

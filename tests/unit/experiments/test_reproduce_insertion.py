@@ -39,11 +39,12 @@ def test_a_run_that_is_never_steady_counts_with_its_length() -> None:
 def test_verdicts() -> None:
     (reported,) = (one for one in REPORTED if one.name == "chamfered-q-softmax")
     good = {row.what: row.outcome for row in compare(reported, [figures_of(gone("c" * 7 + "i" * 393))], 400)}
-    assert good["steady from episode"] is Verdict.BEATS
-    assert good["return, last quarter"] is Verdict.MATCHES
-    assert good["mean force, last quarter"] is Verdict.MATCHES
+    assert good["chamfered-q-softmax: steady from episode"] is Verdict.BEATS
+    assert good["chamfered-q-softmax: return, last quarter"] is Verdict.MATCHES
+    assert good["chamfered-q-softmax: mean force, last quarter"] is Verdict.MATCHES
     bad = compare(reported, [figures_of(gone("c" * 300 + "ici" * 50))], 450)
-    assert {row.outcome for row in bad if row.what.startswith(("steady", "return", "success"))} == {Verdict.DIFFERS}
+    missed = ("steady from episode", "return, last quarter", "success, last quarter")
+    assert [row.outcome for row in bad if row.what.endswith(missed)] == [Verdict.DIFFERS] * 3
     assert "Never steady in 1 of 1 seeds." in bad[0].note
 
 
