@@ -81,6 +81,8 @@ class Sample(NamedTuple):
 class Stream(NamedTuple):
     """What the two ends of the stream say at the end."""
 
+    real_time: bool
+    """Whether router and stream had real-time priority."""
     sent: Mapping[str, float]
     received: Mapping[str, float]
 
@@ -159,7 +161,7 @@ def _cycles(samples: Sequence[Sample]) -> list[int]:
 
 
 def _stream(case: Case, stream: Stream) -> dict[str, Value]:
-    sent, received = stream
+    real_time, sent, received = stream
     lost = int(sent["samples"] - received["samples"])
     period_ms = 1000 * sent["seconds"] / sent["samples"]
     p99_ms = received["p99_ms"]
@@ -170,6 +172,7 @@ def _stream(case: Case, stream: Stream) -> dict[str, Value]:
         "out_of_order": int(received["out_of_order"]),
         "refused": int(received["refused"]),
         "samples_in_packet": case.in_packet,
+        "real_time_priority": real_time,
         "samples_per_s": sent["samples"] / sent["seconds"],
         "latency_median_ms": received["median_ms"],
         "latency_p99_ms": p99_ms,
@@ -199,7 +202,8 @@ def _watch(case: Case, supervisor: Supervisor, folder: Path, endpoint: str) -> t
     cell = ("--cell", CELL, "--connect", endpoint)
     overrides = [word for item in case.overrides for word in ("--set", item)]
     length = ("--seed", str(case.seed), "--episodes", str(ENDLESS))
-    supervisor.start("router", "--listen", endpoint)
+    with _ahead():
+        supervisor.start("router", "--listen", endpoint)
     with Client(Options(CELL, (endpoint,))) as client:
         client.subscribe(EPISODE, EpisodeSummary, done.take)
         keep = ("--keep-episodes", str(case.keep_episodes))
@@ -251,17 +255,18 @@ def _streaming(endpoint: str, in_packet: int, folder: Path) -> Iterator[tuple[di
     words = ("--cell", STREAM_CELL, "--connect", endpoint, "--in-packet", str(in_packet))
     environment = {**os.environ, DIE_WITH_PARENT: str(os.getpid())}
     started: dict[str, subprocess.Popen[bytes]] = {}
-    for part in ("receive", "send"):
-        with (folder / f"{part}.out").open("wb") as out, (folder / f"{part}.log").open("wb") as log:
-            command = [sys.executable, "-m", "experiments.ft_stream", part, *words]
-            started[part] = subprocess.Popen(
-                command, stdin=subprocess.DEVNULL, stdout=out, stderr=log, env=environment, start_new_session=True
-            )
+    with _ahead() as real_time:
+        for part in ("receive", "send"):
+            with (folder / f"{part}.out").open("wb") as out, (folder / f"{part}.log").open("wb") as log:
+                command = [sys.executable, "-m", "experiments.ft_stream", part, *words]
+                started[part] = subprocess.Popen(
+                    command, stdin=subprocess.DEVNULL, stdout=out, stderr=log, env=environment, start_new_session=True
+                )
 
     def end() -> Stream:
         # The sender first: the receiver then waits for what is still on its way.
         sent = _ended(started["send"], folder / "send.out", folder / "send.log")
-        return Stream(sent, _ended(started["receive"], folder / "receive.out", folder / "receive.log"))
+        return Stream(real_time, sent, _ended(started["receive"], folder / "receive.out", folder / "receive.log"))
 
     try:
         yield {f"ft_{part}": process.pid for part, process in started.items()}, end
@@ -270,6 +275,23 @@ def _streaming(endpoint: str, in_packet: int, folder: Path) -> Iterator[tuple[di
             process.kill()
         for process in started.values():
             process.wait()
+
+
+@contextmanager
+def _ahead() -> Iterator[bool]:
+    """Start processes meanwhile with real-time priority where we may, as a sensor's samples do not wait for a learner.
+
+    Gives whether they get it.
+    """
+    try:
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
+    except PermissionError:
+        yield False
+        return
+    try:
+        yield True
+    finally:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
 def _ended(process: subprocess.Popen[bytes], out: Path, log: Path) -> dict[str, float]:

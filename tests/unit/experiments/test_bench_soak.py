@@ -28,7 +28,7 @@ RECEIVED = {
     **{"samples": 16000, "lost": 0, "gaps": 0, "out_of_order": 0, "refused": 0},
     **{"median_ms": 0.3, "p99_ms": 1.9, "max_ms": 7.0},
 }
-GOOD = Stream(SENT, RECEIVED)
+GOOD = Stream(True, SENT, RECEIVED)
 
 
 def history(
@@ -101,7 +101,7 @@ def test_a_store_is_bounded_when_its_peaks_stay(rise: float, cycles: int, word: 
     ("change", "met"), [({}, True), ({"samples": 15992.0}, False), ({"p99_ms": 2.0}, False), ({"max_ms": 99.0}, True)]
 )
 def test_the_stream_meets_its_target_without_loss_and_in_time(change: dict[str, float], met: bool) -> None:
-    stream = part(report(CASE, history(0.0), Stream(SENT, {**RECEIVED, **change})), "ft_stream")
+    stream = part(report(CASE, history(0.0), Stream(True, SENT, {**RECEIVED, **change})), "ft_stream")
     assert stream["target_met"] is met
     assert stream["samples_lost"] == 16000 - change.get("samples", 16000)
     assert stream["samples_per_s"] == 8000.0
