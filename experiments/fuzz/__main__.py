@@ -60,7 +60,7 @@ def _guided(inputs: int, only: str | None) -> bool:
     if inputs < 1:
         return True
     if not guided.available():
-        print("guided by coverage: skipped, atheris is not installed here (pip install atheris)")
+        print("guided by coverage: skipped, atheris is not installed here")
         return True
     good = True
     for one in guided.run_all(inputs, only):

@@ -1,4 +1,4 @@
-"""Coverage-guided fuzzing by atheris, where it is installed: ``python -m experiments.fuzz.guided TARGET -runs=10000``.
+"""Coverage-guided fuzzing by atheris, where it has a wheel: ``python -m experiments.fuzz.guided TARGET -runs=10000``.
 
 What follows the target's name is libFuzzer's. Atheris follows the Python code of the readers; what msgspec, SQLite and
 Zenoh do in machine code it does not see, which is why it is only the smaller part of a campaign.
@@ -38,7 +38,7 @@ class Guided:
 
 
 def available() -> bool:
-    """Return whether atheris is installed. It is no dependency of Treenail's."""
+    """Return whether atheris is installed: it has no wheel for some machines and versions of Python."""
     return find_spec("atheris") is not None
 
 
