@@ -9,18 +9,23 @@ nothing but ``home`` is taken then.
 
 from __future__ import annotations
 
+import math
+
 from services.sim.arm import Arm
 from services.sim.pose import Pose
 from services.sim.world import Reading, World
 from services.wire.actions import Increment
-from services.wire.definition import Definition
+from services.wire.definition import Definition, Sensor
 from services.wire.errors import RefusedError
+from services.wire.ft_counts import FtCounts
 from services.wire.guard import Guard, increment_of
 from services.wire.messages import Force, FtPacket, Home, Move, Moved, Torque
 from services.wire.randomness import Role, generator
 
 MOTION_NS = 20_000_000
 """Simulated time that one motion takes."""
+SATURATED = 1
+"""Bit of ``FtPacket.status``."""
 _MOTIONS_PER_EPISODE = 2**17
 
 
@@ -49,6 +54,7 @@ class SimulatedCell:
         self.world = World(definition) if world is None else world
         noise = definition.noise
         self._force_error_n, self._torque_error_nm = noise.scale * noise.force_n, noise.scale * noise.torque_nm
+        self._counts = _counts(definition.sensor)
         self._arm = Arm(noise, seed)
         self._guard = Guard(definition)
         self._run = run
@@ -109,8 +115,13 @@ class SimulatedCell:
     def _felt(self, episode: int, step: int, applied: Increment, reading: Reading) -> tuple[Moved, FtPacket]:
         number = episode * _MOTIONS_PER_EPISODE + step
         force_n, torque_nm = self._sense(reading, episode, step)
-        moved = Moved(run=self._run, episode=episode, step=step, arrived_t_ns=number * MOTION_NS, **applied._asdict())
-        return moved, FtPacket(sequence=number, t_ns=number * MOTION_NS, force_n=(force_n,), torque_nm=(torque_nm,))
+        saturated = False
+        if self._counts is not None and all(map(math.isfinite, (*force_n, *torque_nm))):
+            force_n, torque_nm, saturated = self._counts.quantised(force_n, torque_nm)
+        t_ns = number * MOTION_NS
+        moved = Moved(run=self._run, episode=episode, step=step, arrived_t_ns=t_ns, **applied._asdict())
+        status = SATURATED if saturated else 0
+        return moved, FtPacket(sequence=number, t_ns=t_ns, status=status, force_n=(force_n,), torque_nm=(torque_nm,))
 
     def _sense(self, reading: Reading, episode: int, step: int) -> tuple[Force, Torque]:
         force_error_n, torque_error_nm = self._force_error_n, self._torque_error_nm
@@ -120,3 +131,10 @@ class SimulatedCell:
         fx, fy, fz = (value + force_error_n * z for value, z in zip(reading.force_n, draw[:3], strict=True))
         tx, ty, tz = (value + torque_error_nm * z for value, z in zip(reading.torque_nm, draw[3:], strict=True))
         return (fx, fy, fz), (tx, ty, tz)
+
+
+def _counts(sensor: Sensor) -> FtCounts | None:
+    """Return the scale of a sensor that is read in counts, None for one that is read as it is."""
+    if sensor.full_scale_n == 0:
+        return None
+    return FtCounts("1", (sensor.full_scale_n,) * 3 + (sensor.full_scale_dnm,) * 3)

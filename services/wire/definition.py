@@ -81,6 +81,15 @@ class Noise(_Checked, frozen=True, kw_only=True):
     """Standard deviation of the arm's rotation about each axis in a motion; not in the thesis."""
 
 
+class Sensor(_Checked, frozen=True, kw_only=True):
+    """How finely the force/torque sensor is read: a receiver card gives whole counts of 1/16384 of its full scale."""
+
+    full_scale_n: Annotated[int, Meta(ge=0, le=32767)] = 0
+    """Full scale of each force component [N]; 0, with the other, for readings that are not rounded."""
+    full_scale_dnm: Annotated[int, Meta(ge=0, le=32767)] = 0
+    """Full scale of each torque component [0.1 N m], the metric unit of a JR3 receiver."""
+
+
 class Start(_Checked, frozen=True, kw_only=True):
     """Pose of the peg's tip in the hole frame when an episode begins (thesis 6.2.1, 6.4)."""
 
@@ -257,6 +266,7 @@ class Definition(_Checked, frozen=True, kw_only=True):
     contact: Contact = Contact()
     wrist: Wrist = Wrist()
     noise: Noise = Noise()
+    sensor: Sensor = Sensor()
     start: Start = Start()
     moves: Moves = Moves()
     limits: Limits = Limits()

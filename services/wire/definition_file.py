@@ -139,7 +139,7 @@ def contradiction(definition: Definition) -> tuple[str, str] | None:
 
     It is what no single field can show: a definition without one can be simulated and learnt.
     """
-    parts, limits, classifier = definition.parts, definition.limits, definition.classifier
+    parts, limits, classifier, sensor = definition.parts, definition.limits, definition.classifier, definition.sensor
     theta, encoding = (classifier.theta, classifier.encoding) if isinstance(classifier, Art2Settings) else (0.0, "odd")
     inputs = 6 if encoding == "odd" else 12
     height_mm, dip_mm = definition.start.height_mm, _dip_mm(definition)
@@ -170,6 +170,16 @@ def contradiction(definition: Definition) -> tuple[str, str] | None:
             dip_mm < height_mm or _aside_mm(definition) < room_mm,
             "start.height_mm",
             f"expected more than {dip_mm:.3f}, or the tilted tip starts inside the material, got {height_mm}",
+        ),
+        (
+            (sensor.full_scale_n == 0) == (sensor.full_scale_dnm == 0),
+            "sensor.full_scale_dnm",
+            f"expected 0 if and only if sensor.full_scale_n = {sensor.full_scale_n} is, got {sensor.full_scale_dnm}",
+        ),
+        (
+            sensor.full_scale_n == 0 or sensor.full_scale_n >= limits.hard_force_n,
+            "sensor.full_scale_n",
+            f"expected 0 or at least limits.hard_force_n = {limits.hard_force_n}, got {sensor.full_scale_n}",
         ),
         (
             stiffness == 0.0 or stiffness >= _SOFTEST_N_PER_MM,

@@ -184,7 +184,7 @@ class EpisodeSummary(Message, frozen=True, kw_only=True):
 class Experiment(Message, frozen=True, kw_only=True):
     """Reply to ``experiment``: what runs, and how far it is."""
 
-    VERSION: ClassVar[int] = 4
+    VERSION: ClassVar[int] = 5
     LARGEST_BYTES: ClassVar[int] = 1 << 20
 
     run: RunId
@@ -266,7 +266,7 @@ class Classified(Message, frozen=True, kw_only=True):
 class RunRecord(Message, frozen=True, kw_only=True):
     """``journal/<run>/run``: what the run is; its presence proves that the store knows the run."""
 
-    VERSION: ClassVar[int] = 4
+    VERSION: ClassVar[int] = 5
     LARGEST_BYTES: ClassVar[int] = 1 << 20
 
     run: RunId
@@ -321,7 +321,7 @@ class Skill(Message, frozen=True, kw_only=True):
     It is named by the SHA-256 of its encoded bytes.
     """
 
-    VERSION: ClassVar[int] = 3
+    VERSION: ClassVar[int] = 4
     LARGEST_BYTES: ClassVar[int] = 1 << 24
 
     run: RunId

@@ -13,7 +13,7 @@ from services.sim.cell import MOTION_NS, GuardError, OtherRunError, OutOfOrderEr
 from services.sim.world import Reading, World
 from services.wire.actions import Increment, increments
 from services.wire.codec import encode
-from services.wire.definition import Definition, Limits, Moves, Noise, Parts, Start
+from services.wire.definition import Definition, Limits, Moves, Noise, Parts, Sensor, Start
 from services.wire.definition_file import load
 from services.wire.errors import RefusedError
 from services.wire.messages import FtPacket, Home, Move, Moved
@@ -354,3 +354,33 @@ def test_the_shipped_noise_gives_the_greatest_errors_that_the_thesis_saw() -> No
     # With 5 N hanging along Z, the length of the force is off by what its Z component is off.
     assert max(abs(packet.force_n[0][2]) for packet in packets) == pytest.approx(0.15, abs=0.02)
     assert max(math.hypot(*packet.torque_nm[0]) for packet in packets) == pytest.approx(0.012, abs=0.0015)
+
+
+def test_a_sensor_read_in_counts_gives_the_nearest_whole_counts() -> None:
+    exact = SimulatedCell(SETTINGS, RUN, 3)
+    counted = SimulatedCell(replace(SETTINGS, sensor=Sensor(full_scale_n=200, full_scale_dnm=120)), RUN, 3)
+    exact.home(home())
+    counted.home(home())
+    for step in range(1, 5):
+        fine, coarse = exact.move(down(step))[1], counted.move(down(step))[1]
+        for one, other in zip(fine.force_n[0], coarse.force_n[0], strict=True):
+            assert abs(one - other) <= 100 / 16384
+            assert other == round(other * 16384 / 200) * 200 / 16384
+        for one, other in zip(fine.torque_nm[0], coarse.torque_nm[0], strict=True):
+            assert abs(one - other) <= 6 / 16384
+        assert coarse.status == 0
+    assert max(map(abs, coarse.force_n[0])) > 1.0
+
+
+def test_a_saturated_sensor_says_so_and_nothing_moves_on() -> None:
+    class Pressed(World):
+        """Feels more than a receiver can show."""
+
+        def move(self, increment: Increment) -> Reading:
+            return Reading((0.0, 0.0, -500.0), super().move(increment).torque_nm)
+
+    settings = replace(SETTINGS, sensor=Sensor(full_scale_n=200, full_scale_dnm=120))
+    cell = SimulatedCell(settings, RUN, 3, world=Pressed(settings))
+    cell.home(home())
+    with pytest.raises(GuardError, match="saturated"):
+        cell.move(down(1))

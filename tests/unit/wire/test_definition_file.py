@@ -201,6 +201,16 @@ WRONG = [
         2,
         "limits.hard_force_n: expected more than limits.collision_force_n = 30.0, got 20.0",
     ),
+    (
+        'name = "mine"\n[sensor]\nfull_scale_n = 200\n',
+        2,
+        "sensor.full_scale_dnm: expected 0 if and only if sensor.full_scale_n = 200 is, got 0",
+    ),
+    (
+        'name = "mine"\n[sensor]\nfull_scale_n = 12\nfull_scale_dnm = 60\n',
+        3,
+        "sensor.full_scale_n: expected 0 or at least limits.hard_force_n = 20.0, got 12",
+    ),
 ]
 
 

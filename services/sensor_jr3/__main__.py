@@ -1,0 +1,21 @@
+"""``python -m services.sensor_jr3 --url isa:0x260``: one sensor process."""
+
+from __future__ import annotations
+
+import sys
+
+from services.sensor_jr3 import settings
+from services.sensor_jr3.service import serve
+from services.wire import command
+
+
+def main() -> None:
+    """Parse the command line and serve."""
+    parser = command.parser("sensor_jr3", __doc__)
+    settings.add_arguments(parser)
+    arguments = parser.parse_args()
+    serve(command.options(arguments), settings.settings(arguments))
+
+
+if __name__ == "__main__":
+    sys.exit(command.run("sensor_jr3", main))

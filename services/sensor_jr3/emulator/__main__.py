@@ -1,0 +1,104 @@
+"""``python -m services.sensor_jr3.emulator``: an emulated JR3 receiver, until it is stopped."""
+
+from __future__ import annotations
+
+import argparse
+import logging
+import signal
+import sys
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import zenoh
+
+from services.sensor_jr3.card import SettingError
+from services.sensor_jr3.emulator.card import EmulatedCard
+from services.sensor_jr3.emulator.dsp import Dsp, Sensor
+from services.sensor_jr3.emulator.follow import Follower
+from services.sensor_jr3.emulator.loads import Load, recording
+from services.sensor_jr3.settings import address, whole_numbers
+from services.sensor_jr3.word_server import WordServer
+from services.wire import command
+from services.wire.answers import ft_vector
+from services.wire.errors import ContractError
+from services.wire.keys import Keys
+from services.wire.session import open_client
+
+LOG = logging.getLogger("jr3-emulator")
+
+
+def main() -> None:
+    """Parse the command line, serve, stop on a signal."""
+    arguments = _parser().parse_args()
+    host, port = address(arguments.listen)
+    load_at: Callable[[float], Load] | None = None
+    if arguments.recording is not None:
+        load_at = recording(arguments.recording).at
+    card = EmulatedCard(Dsp(_sensor(arguments)), load_at)
+    if arguments.load is not None:
+        card.set_load(_load(arguments.load))
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    session: zenoh.Session | None = None
+    if arguments.follow is not None:
+        options = command.options(arguments)
+        session = open_client(options.connect, options.connect_timeout_s, stop.is_set, options.certs)
+        follower = Follower(session, Keys(arguments.follow), card.set_load, lambda text: LOG.warning("%s", text))
+    with WordServer(card, host, port) as server:
+        threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True).start()
+        LOG.info("listening on tcp://%s:%d", host, server.port)
+        stop.wait()
+        server.shutdown()
+    if session is not None:
+        del follower
+        session.close()  # type: ignore[no-untyped-call]
+
+
+def _parser() -> argparse.ArgumentParser:
+    made = command.Parser(prog="python -m services.sensor_jr3.emulator", description=__doc__)
+    made.add_argument("--listen", default="127.0.0.1:0", metavar="HOST:PORT", help="port 0: a free one, printed")
+    felt = made.add_mutually_exclusive_group()
+    felt.add_argument("--load", metavar="FX,FY,FZ,MX,MY,MZ", help="a constant load [N, N m] (default: none)")
+    felt.add_argument("--recording", type=Path, metavar="CSV", help="loads over time: t_s,fx_n,...,mz_nm")
+    felt.add_argument("--follow", metavar="CELL", help="feel what the simulator of that cell publishes on ft")
+    made.add_argument("--units", type=int, choices=range(4), default=Sensor.units, help="unit code of the card")
+    made.add_argument("--full-scales", help="six numbers in that unit (default: 65,65,130,50,50,50)")
+    made.add_argument("--serial", type=int, default=Sensor.serial, help="1 to 65000")
+    made.add_argument("--adc-bits", type=int, default=Sensor.adc_bits, help="8 to 16")
+    made.add_argument("--calibration-s", type=float, default=2.0, help="after plugging in (default: 2)")
+    made.add_argument("--no-auto-zero", action="store_true", help="do not zero the load after plugging in")
+    command.add_arguments(made)
+    return made
+
+
+def _sensor(arguments: argparse.Namespace) -> Sensor:
+    if not (1 <= arguments.serial <= 65000 and 8 <= arguments.adc_bits <= 16):
+        got = f"{arguments.serial}, {arguments.adc_bits}"
+        raise SettingError(f"sensor: expected a serial of 1 to 65000 and 8 to 16 ADC bits, got {got}")
+    if not 0.0 <= arguments.calibration_s <= 60.0:
+        raise SettingError(f"--calibration-s: expected 0 to 60 s, got {arguments.calibration_s}")
+    scales = Sensor.full_scales
+    if arguments.full_scales is not None:
+        scales = whole_numbers("--full-scales", arguments.full_scales, 1, 32767)
+    return Sensor(
+        units=arguments.units,
+        full_scales=scales,
+        serial=arguments.serial,
+        adc_bits=arguments.adc_bits,
+        calibration_steps=int(arguments.calibration_s * 8000),
+        zeroes_itself=not arguments.no_auto_zero,
+    )
+
+
+def _load(text: str) -> Load:
+    try:
+        force_n, torque_nm = ft_vector(text)
+    except ContractError as error:
+        raise SettingError(f"--load: {error}") from None
+    return (*force_n, *torque_nm)
+
+
+if __name__ == "__main__":
+    sys.exit(command.run("jr3-emulator", main))

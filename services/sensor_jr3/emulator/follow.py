@@ -1,0 +1,91 @@
+"""The emulated sensor feels what a simulator publishes: the ``ft`` of another cell, shown by filter 0 at once.
+
+Under ``jr3/shown`` of that cell it answers, with the simulator's own packet, once it shows the sample asked for:
+``?sequence=7`` is answered while sample 7 is the one shown, else when it is; not when another one is, for an episode
+that is begun anew goes through the same numbers again. So an emulated robot can wait until its sensor feels the motion,
+and only then say that it has arrived.
+
+The session has no role in that cell: with certificates it needs one that may hear ``ft``.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from typing import TypeAlias
+
+import zenoh
+from zenoh.handlers import Callback
+
+from services.sensor_jr3.emulator.loads import Load
+from services.wire.answers import Asked
+from services.wire.codec import decode
+from services.wire.errors import BadPayloadError, TreenailError
+from services.wire.keys import FT, Keys
+from services.wire.messages import FtPacket
+
+SHOWN = "jr3/shown"
+MOST_WAITING = 64
+"""Questions that may wait for their sample; the oldest of more is refused."""
+
+_OnSample: TypeAlias = "Callback[zenoh.Sample]"
+_OnQuery: TypeAlias = "Callback[zenoh.Query]"
+
+
+class Follower:
+    """Follows one cell, on Zenoh's threads."""
+
+    def __init__(
+        self, session: zenoh.Session, keys: Keys, feel: Callable[[Load], None], complain: Callable[[str], None]
+    ) -> None:
+        """``feel`` is given each newest load and returns when it is shown; ``complain`` what cannot be followed."""
+        self._feel, self._complain = feel, complain
+        self._key = keys.of(SHOWN)
+        self._lock = threading.Lock()
+        self._shown: FtPacket | None = None
+        self._waiting: list[tuple[int, Asked]] = []
+        on_ft: _OnSample = Callback(self._on_ft, indirect=False)
+        on_query: _OnQuery = Callback(self._on_query, indirect=False)
+        self._declared = (
+            session.declare_subscriber(keys.of(FT), on_ft),
+            session.declare_queryable(self._key, on_query),
+        )
+
+    def _on_ft(self, sample: zenoh.Sample) -> None:
+        try:
+            packet = decode(FtPacket, sample.payload.to_bytes(), str(sample.encoding))
+        except TreenailError as error:
+            self._complain(str(error))
+            return
+        with self._lock:
+            self._feel((*packet.force_n[-1], *packet.torque_nm[-1]))
+            self._shown = packet
+            ready = [asked for sequence, asked in self._waiting if sequence == packet.sequence]
+            self._waiting = [one for one in self._waiting if one[0] != packet.sequence]
+        for asked in ready:
+            asked.reply(packet)
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        asked = Asked(query, self._key, ("sequence",))
+        try:
+            sequence = _sequence(asked.request().parameters.get("sequence", "0"))
+        except TreenailError as error:
+            asked.refuse(error)
+            return
+        late: list[tuple[int, Asked]] = []
+        with self._lock:
+            shown = self._shown
+            if shown is None or shown.sequence != sequence:
+                shown = None
+                self._waiting.append((sequence, asked))
+                late, self._waiting = self._waiting[:-MOST_WAITING], self._waiting[-MOST_WAITING:]
+        if shown is not None:
+            asked.reply(shown)
+        for _, other in late:
+            other.refuse(BadPayloadError(f"{SHOWN}: expected at most {MOST_WAITING} questions that wait"))
+
+
+def _sequence(text: str) -> int:
+    if not (text.isascii() and text.isdigit() and len(text) < 19):
+        raise BadPayloadError(f"sequence: expected the number of a sample, as in ?sequence=7, got {text[:20]!r}")
+    return int(text)
