@@ -17,6 +17,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from experiments.bench_loop import WORKERS
 from experiments.bench_processes import MB, Usage, mind, slope_per_h, usages
 from experiments.bench_values import Value
@@ -137,23 +139,38 @@ def _process(name: str, samples: Sequence[Sample]) -> dict[str, Value]:
 
 
 def _store(case: Case, samples: Sequence[Sample]) -> dict[str, Value]:
-    """Return how the store's size went: a saw, which rises until it forgets."""
+    """Return how the store's size went: a saw, which rises until it forgets, higher where it holds longer episodes."""
     filling = [sample for sample in samples if sample.forgot == 0]
     last = samples[-1].forgot
-    peaks = [max(one.store_bytes for one in samples if one.forgot == cycle) for cycle in _cycles(samples)]
+    peaks = [
+        max((one for one in samples if one.forgot == cycle), key=lambda one: one.store_bytes)
+        for cycle in _cycles(samples)
+    ]
     if last < CYCLES:
         size = "too short to say"  # the last cycle is not over, and the first one began with an empty file
     else:
-        size = "bounded" if max(peaks[2:-1], default=0) <= SAME_PEAK * peaks[1] else "grows"
+        first, *others = peaks[1:-1]
+        held = _held(case, samples, first)
+        allowed = [SAME_PEAK * max(1.0, _held(case, samples, one) / held) * first.store_bytes for one in others]
+        within = all(one.store_bytes <= most for one, most in zip(others, allowed, strict=True))
+        size = "bounded" if within else "grows"
     per_hour = slope_per_h([one.episodes for one in filling], [float(one.store_bytes) for one in filling])
     return {
         "size": size,
         "keep_episodes": case.keep_episodes,
         "forgot": last,
-        "peak_mb": max(one.store_bytes for one in samples) / MB,
+        "peaks_mb": [one.store_bytes / MB for one in peaks],
+        "decisions_held_at_peaks": [round(_held(case, samples, one)) for one in peaks],
         "last_mb": samples[-1].store_bytes / MB,
         "bytes_per_episode_while_filling": per_hour / 3600,
     }
+
+
+def _held(case: Case, samples: Sequence[Sample], now: Sample) -> float:
+    """Return how many decisions the store holds: those since it forgot last, and of the episodes that it kept then."""
+    since = next(one for one in samples if one.forgot == now.forgot).episodes if now.forgot else 0
+    episodes, decisions = [one.episodes for one in samples], [one.decisions for one in samples]
+    return now.decisions - float(np.interp(max(0, since - case.keep_episodes), episodes, decisions))
 
 
 def _cycles(samples: Sequence[Sample]) -> list[int]:

@@ -97,6 +97,19 @@ def test_a_store_is_bounded_when_its_peaks_stay(rise: float, cycles: int, word: 
     assert part(found, "store", "bytes_per_episode_while_filling") == pytest.approx(per_episode, rel=1e-3)
 
 
+def test_a_store_that_holds_longer_episodes_may_be_larger_in_proportion() -> None:
+    sizes, forgot = saw(0.0, 6)
+    # From the third cycle on, episodes are twice as long and take twice the room.
+    sizes = [size * (2 if times > 2 else 1) for size, times in zip(sizes, forgot, strict=True)]
+    longer = 2 * 60 * 10
+    samples, decisions = [], 0
+    for sample in history(0.0, sizes, forgot):
+        samples.append(sample._replace(decisions=decisions))
+        decisions += longer if sample.forgot > 2 else longer // 2
+    assert part(report(CASE, samples, GOOD), "store", "size") == "bounded"
+    assert part(report(CASE, history(0.0, sizes, forgot), GOOD), "store", "size") == "grows"
+
+
 @pytest.mark.parametrize(
     ("change", "met"), [({}, True), ({"samples": 15992.0}, False), ({"p99_ms": 2.0}, False), ({"max_ms": 99.0}, True)]
 )
@@ -185,7 +198,7 @@ def test_a_short_soak_with_real_processes_loses_nothing(small: Path, capsys: pyt
     lost = ("samples_lost", "gaps", "out_of_order", "refused")
     assert [stream[name] for name in lost] == [0, 0, 0, 0]
     assert 0 < stream["latency_median_ms"] <= stream["latency_p99_ms"] <= stream["latency_max_ms"]
-    assert found["store"]["peak_mb"] > 0
+    assert found["store"]["peaks_mb"][0] > 0
 
 
 @pytest.mark.parametrize(
