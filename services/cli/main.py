@@ -14,6 +14,7 @@ from services.wire.version import version
 SERVICES = {
     "router": "Zenoh's router",
     "sim": "the simulator, in place of robot and sensor",
+    "sensor_jr3": "a JR3 force/torque sensor",
     "task": "one insertion task",
     "classifier": "F/T vectors to contact states (ART2)",
     "agent": "contact states to moves (Q-learning, SARSA)",
@@ -43,6 +44,11 @@ STUDIES = {
     "oracle": ("experiments.oracle", "search the best insertion with full knowledge of the pose"),
 }
 
+TOOLS = {
+    "pterm": ("services.robot_link.pterm", "a terminal for an old controller on a serial line"),
+    "pfloppy": ("services.robot_link.pfloppy", "a floppy drive for an old controller (stand-in protocol)"),
+}
+
 
 def main() -> None:
     """Run the command line; exit with its status."""
@@ -51,6 +57,8 @@ def main() -> None:
         _become(f"services.{name}", rest)
     if name in STUDIES:
         _become(STUDIES[name][0], rest)
+    if name in TOOLS:
+        _become(TOOLS[name][0], rest)
     if name not in COMMANDS:
         _overview().parse_args([name] if name else [])
     try:
@@ -80,6 +88,7 @@ def _overview() -> argparse.ArgumentParser:
     groups = {
         "commands": COMMANDS,
         "studies, without a cell": {name: summary for name, (_, summary) in STUDIES.items()},
+        "tools for old controllers": {name: summary for name, (_, summary) in TOOLS.items()},
         "one service as one process": SERVICES,
     }
     parser = Parser(
@@ -90,7 +99,7 @@ def _overview() -> argparse.ArgumentParser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--version", action="version", version=f"treenail {version()}")
-    known = (*COMMANDS, *STUDIES, *SERVICES)
+    known = (*COMMANDS, *STUDIES, *TOOLS, *SERVICES)
     parser.add_argument("command", choices=known, metavar="COMMAND", help=argparse.SUPPRESS)
     return parser
 
