@@ -1,5 +1,6 @@
 # One image a service: docker build --build-arg SERVICE=agent -t treenail/agent .
-# SERVICE is router, store, task, classifier, agent, sim or viewer; cli is the treenail command with all that it can ask.
+# SERVICE is router, store, task, classifier, agent, sim, viewer, sensor_jr3 or robot_link; cli is the treenail command with
+# all that it can ask.
 
 FROM debian:bookworm-slim AS python
 RUN apt-get update \

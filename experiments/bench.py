@@ -21,13 +21,14 @@ SUMMARIES = {
     "art2": "one classify-and-learn step",
     "classifiers": "all that are installed: speed, agreement with the truth, and what is learnt with them",
     "learner": "updates a second, and one decision",
+    "link": "the serial link to the controller without a port: DDCMP messages, moves by dialogue",
     "start": "from `treenail up sim` to its first finished episode",
     "viewer": "memory and processor that the viewer takes beside a cell at full speed, and whether they grow",
     "soak": "a cell at full speed for long: whether memory or store grow, and what an 8 kHz F/T stream beside it loses",
     "fleet": "several cells round one router and one store: what each costs, and that none disturbs another",
     "scale": "what many cells over regional routers would send, by calculation from what one cell was measured to",
 }
-WITH_ROUNDS = ("loop", "query", "sim", "art2", "classifiers", "learner", "start")
+WITH_ROUNDS = ("loop", "query", "sim", "art2", "classifiers", "learner", "link", "start")
 """Those that measure everything several times over."""
 MOST_MINUTES = 10_000
 MOST_CELLS = 64
@@ -122,6 +123,12 @@ def _learner(arguments: argparse.Namespace) -> dict[str, Value]:
     return learner(load(arguments.experiment, arguments.set), arguments.seed, arguments.steps, arguments.rounds)
 
 
+def _link(arguments: argparse.Namespace) -> dict[str, Value]:
+    from experiments.bench_link import link
+
+    return link(arguments.messages, arguments.moves, arguments.rounds)
+
+
 def _start(arguments: argparse.Namespace) -> dict[str, Value]:
     from experiments.bench_start import measure
 
@@ -162,6 +169,7 @@ RUNS: Mapping[str, Callable[[argparse.Namespace], dict[str, Value]]] = {
     "art2": _art2,
     "classifiers": _classifiers,
     "learner": _learner,
+    "link": _link,
     "start": _start,
     "viewer": _viewer,
     "soak": _soak,
@@ -178,7 +186,7 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--json", action="store_true", help="as JSON, units in the names")
         if name in WITH_ROUNDS:
             command.add_argument("--rounds", type=_from(1), default=3, metavar="N", help="repetitions (default: 3)")
-        if name not in ("art2", "scale"):
+        if name not in ("art2", "link", "scale"):
             command.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file")
             command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a setting")
             command.add_argument("--seed", type=_from(0, MAX_SEED), default=0, help="seed of the run (default: 0)")
@@ -193,6 +201,9 @@ def _parser() -> argparse.ArgumentParser:
     several = commands.choices["classifiers"]
     several.add_argument("--vectors", type=_from(10), default=2000, help="recorded vectors in a round (default: 2000)")
     several.add_argument("--episodes", type=_from(1), default=100, help="episodes learnt in a round (default: 100)")
+    link = commands.choices["link"]
+    link.add_argument("--messages", type=_from(1), default=5000, help="each way in a round (default: 5000)")
+    link.add_argument("--moves", type=_from(1), default=1000, help="moves by dialogue in a round (default: 1000)")
     viewer = commands.choices["viewer"]
     viewer.add_argument("--minutes", type=_from(1, 1440), default=5, metavar="M", help="length (default: 5)")
     viewer.add_argument("--memory-limit", default="256MB", metavar="SIZE", help="the viewer's (default: 256MB)")

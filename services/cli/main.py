@@ -15,6 +15,7 @@ SERVICES = {
     "router": "Zenoh's router",
     "sim": "the simulator, in place of robot and sensor",
     "sensor_jr3": "a JR3 force/torque sensor",
+    "robot_link": "an arm behind a VAL II controller",
     "task": "one insertion task",
     "classifier": "F/T vectors to contact states (ART2)",
     "agent": "contact states to moves (Q-learning, SARSA)",
@@ -29,6 +30,7 @@ COMMANDS = {
     "get": "print what a key of the cell answers, as JSON",
     "q-table": "print the agent's Q-table",
     "policy": "print what the agent would do in a state, or when it feels a force",
+    "swap": "change learner or classifier while a cell learns",
     "checkpoint": "list, show, export and import what was learnt",
     "certs": "make a certificate authority and a certificate for each service",
 }

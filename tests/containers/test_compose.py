@@ -65,6 +65,15 @@ def test_a_secured_cell_learns_the_same_and_shuts_strangers_out(
     assert (refused.returncode, refused.stdout) == (2, "")
 
 
+def test_through_emulated_hardware_a_cell_learns_the_same(
+    composition: Any, reference: Callable[..., dict[str, str]]
+) -> None:
+    composition.profile = "hil"
+    composition("up", "--detach", EPISODES=4, SEED=1)
+    assert composition.digests(4) == reference(4, 1, "sensor.full_scale_n=200", "sensor.full_scale_dnm=120")
+    assert len(composition.containers("robot_link")) == len(composition.containers("sensor_jr3")) == 1
+
+
 def test_containers_are_given_no_more_than_they_need(composition: Any, docker: Docker) -> None:
     composition("up", "--detach", "sim", EPISODES=2)
     for name in SERVICES:

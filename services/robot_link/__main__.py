@@ -1,0 +1,27 @@
+"""``python -m services.robot_link --url socket://127.0.0.1:7000``: one robot link process."""
+
+from __future__ import annotations
+
+import sys
+
+from services.robot_link import settings, supervisory
+from services.robot_link.channel import Channel, RawChannel
+from services.robot_link.service import serve
+from services.wire import command
+
+
+def main() -> None:
+    """Parse the command line and serve."""
+    parser = command.parser("robot_link", __doc__)
+    settings.add_arguments(parser)
+    supervisory.add_arguments(parser)
+    arguments = parser.parse_args()
+    channel: Channel = RawChannel()
+    if arguments.mode == "supervisory":
+        local = arguments.url.startswith("/")
+        channel = supervisory.SupervisoryChannel(supervisory.settings_of(arguments, arguments.baud if local else None))
+    serve(command.options(arguments), settings.settings(arguments), channel)
+
+
+if __name__ == "__main__":
+    sys.exit(command.run("robot_link", main))

@@ -1,0 +1,1 @@
+"""An emulated controller, for tests and for trying things out without hardware."""

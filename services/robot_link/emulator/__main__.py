@@ -1,0 +1,94 @@
+"""``python -m services.robot_link.emulator``: an emulated VAL II controller with an arm, until it is stopped."""
+
+from __future__ import annotations
+
+import logging
+import signal
+import sys
+import threading
+
+import zenoh
+
+from services.robot_link.emulator import poses
+from services.robot_link.emulator.arm import Arm, IdealArm
+from services.robot_link.emulator.controller import Behaviour, Controller
+from services.robot_link.emulator.poses import CONVENTIONS, Frame
+from services.robot_link.emulator.server import Server, Text
+from services.robot_link.emulator.supervisory import SupervisoryController
+from services.robot_link.emulator.world_arm import World, WorldArm
+from services.robot_link.settings import SettingError
+from services.wire import command
+from services.wire.keys import Keys
+from services.wire.session import open_client
+
+LOG = logging.getLogger("robot-emulator")
+START = (420.0, 150.0, 80.0, 30.0, 170.0, -20.0)
+"""X, Y, Z [mm] and O, A, T [deg, as zyz] of the taught start location: tool nearly down, nothing upright or square."""
+
+
+def main() -> None:
+    """Parse the command line, serve, stop on a signal."""
+    made = command.Parser(prog="python -m services.robot_link.emulator", description=__doc__)
+    usual = Behaviour()
+    made.add_argument("--listen", default="127.0.0.1:0", metavar="HOST:PORT", help="port 0: a free one, printed")
+    made.add_argument("--pty", action="store_true", help="on a pseudo terminal instead, its name is printed")
+    made.add_argument("--mode", choices=("terminal", "supervisory"), default="terminal", help="default: terminal")
+    made.add_argument("--baud", type=int, help="bits per second of the line (default: as fast as it goes)")
+    made.add_argument("--prompt", choices=("started", "arrived"), default=usual.prompt, help="after a motion")
+    made.add_argument("--convention", choices=CONVENTIONS, default=usual.convention, help="of O, A, T (default: zyz)")
+    made.add_argument("--motion-s", type=float, default=usual.motion_s, help="how long a motion takes (default: 0)")
+    made.add_argument("--cold", action="store_true", help="begin with the questions of a cold start")
+    made.add_argument("--power-off", action="store_true", help="begin with the arm power off")
+    made.add_argument("--start", default="TREENAIL", help="name of the taught location (default: TREENAIL)")
+    made.add_argument("--start-height-mm", type=float, default=20.0, help="its tip above the mouth (default: 20)")
+    made.add_argument("--world", metavar="CELL", help="the peg is that of the simulator in this cell")
+    made.add_argument("--sensor-s", type=float, default=0.0, help="an emulated sensor has so long to show a motion")
+    command.add_arguments(made)
+    arguments = made.parse_args()
+    host, port = _address(arguments.listen)
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    start = poses.frame(START, "zyz")
+    session: zenoh.Session | None = None
+    arm: Arm = IdealArm(start.copy())
+    if arguments.world is not None:
+        options = command.options(arguments)
+        session = open_client(options.connect, options.connect_timeout_s, stop.is_set, options.certs)
+        world = World(session, Keys(options.cell), Keys(arguments.world), arguments.sensor_s)
+        arm = WorldArm(world, start, arguments.start, arguments.start_height_mm)
+    behaviour = Behaviour(
+        convention=arguments.convention,
+        prompt=arguments.prompt,
+        echo=arguments.mode == "terminal",
+        cold=arguments.cold,
+        motion_s=arguments.motion_s,
+    )
+    locations: dict[str, Frame] = {arguments.start: start}
+    controller = Controller(arm, behaviour, locations)
+    controller.faults.power = not arguments.power_off
+    text: Text = controller
+    if arguments.mode == "supervisory":
+        text = SupervisoryController(controller)
+    server = Server(controller, text, host, port, baud=arguments.baud, pty=arguments.pty)
+    if server.pty:
+        LOG.info("listening on %s", server.pty)
+    else:
+        LOG.info("listening on socket://%s:%d", host, server.port)
+    LOG.info("panel on %s:%d", host, server.panel_port)
+    while not stop.is_set():
+        server.step(0.1)
+    server.close()
+    if session is not None:
+        session.close()  # type: ignore[no-untyped-call]
+
+
+def _address(text: str) -> tuple[str, int]:
+    host, _, port = text.rpartition(":")
+    if not (host and port.isascii() and port.isdigit() and int(port) <= 65535):
+        raise SettingError(f"--listen: expected host:port, got {text[:80]!r}")
+    return host.strip("[]"), int(port)
+
+
+if __name__ == "__main__":
+    sys.exit(command.run("robot-emulator", main))

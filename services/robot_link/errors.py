@@ -1,0 +1,47 @@
+"""What can go wrong between us and the controller. Each is a refusal, so that it is the answer to the motion."""
+
+from __future__ import annotations
+
+from services.wire.errors import RefusedError
+
+
+class LinkError(RefusedError):
+    """The motion was not made, or nobody knows; nothing but ``home`` is taken after it."""
+
+    reason = "not_ready"
+
+
+class ControllerError(LinkError):
+    """The controller refused a command."""
+
+
+class ArrivalError(LinkError):
+    """The arm is not where the motion leads to."""
+
+
+class UnsettledError(LinkError):
+    """It is not known how the controller takes O, A, T."""
+
+
+class BusyError(RefusedError):
+    """Another motion is under way."""
+
+    reason = "not_ready"
+
+
+class OutOfOrderError(RefusedError):
+    """A motion that is neither the next one nor the last one again."""
+
+    reason = "out_of_order"
+
+
+class GuardError(RefusedError):
+    """A motion that the guard refuses."""
+
+    reason = "guard"
+
+
+class OtherRunError(RefusedError):
+    """A motion of another run than the task's."""
+
+    reason = "foreign_run"

@@ -1,0 +1,164 @@
+"""The link's own parts: the sensor's clock, the robot's order, a line that comes and goes."""
+
+from __future__ import annotations
+
+import pytest
+
+from services.robot_link.arrival import SensorClock
+from services.robot_link.channel import RawChannel, Received
+from services.robot_link.dialects import DIALECTS
+from services.robot_link.emulator.server import Pace
+from services.robot_link.errors import GuardError, LinkError, OtherRunError, OutOfOrderError
+from services.robot_link.link import Link
+from services.robot_link.motion import Arm
+from services.robot_link.robot import Robot
+from services.robot_link.serial_line import LineError
+from services.robot_link.settings import ArmSettings, SettingError
+from services.robot_link.val2 import Terminal
+from services.wire.actions import Increment
+from services.wire.definition import Definition
+from services.wire.messages import FtPacket, Home, Move
+
+MS = 1_000_000
+DAY = 1_700_000_000_000 * MS
+NONE = ((0.0, 0.0, 0.0),)
+GOOD = FtPacket(sequence=1, t_ns=1, force_n=NONE, torque_nm=NONE)
+
+
+def test_arrival_is_told_in_the_sensors_time() -> None:
+    clock = SensorClock()
+    for number in range(100):
+        # The sensor's clock is an hour ahead; packets take 1 to 20 ms.
+        clock.heard(3600_000 * MS + number * MS, number * MS + (1 + number % 20) * MS)
+    arrived = clock.arrived(200 * MS, DAY, 5 * MS)
+    assert arrived == 3600_000 * MS + (200 - 1 + 5) * MS
+
+
+def test_the_same_clock_counts_when_it_is_later() -> None:
+    clock = SensorClock()
+    clock.heard(DAY, 10 * MS)
+    assert clock.arrived(20 * MS, DAY + 12 * MS, 0) == DAY + 12 * MS
+    assert clock.arrived(20 * MS, DAY + 12 * MS, 0) == DAY + 12 * MS + 1, "never twice the same"
+
+
+def test_a_sensor_with_another_clock_is_believed_at_once() -> None:
+    clock = SensorClock()
+    clock.heard(DAY, 0)
+    clock.heard(DAY - 3600_000 * MS, 1 * MS)
+    assert clock.arrived(2 * MS, 0, 0) == DAY - 3600_000 * MS + 1 * MS
+
+
+def home(robot: Robot, episode: int = 0) -> Home:
+    start = Definition(name="any").start
+    made = Home(
+        run="r",
+        episode=episode,
+        x_mm=start.x_mm,
+        y_mm=start.y_mm,
+        z_mm=-start.height_mm,
+        rx_deg=start.rx_deg,
+        ry_deg=start.ry_deg,
+        rz_deg=start.rz_deg,
+    )
+    robot.home(made)
+    robot.homed(made, 1)
+    return made
+
+
+def test_order_guard_and_repetition() -> None:
+    robot = Robot(Definition(name="any"), "r", 0.1)
+    move = Move(run="r", episode=0, step=1, dx_mm=0.2)
+    with pytest.raises(OutOfOrderError, match="not homed"):
+        robot.move(move, GOOD, 0.0)
+    home(robot)
+    with pytest.raises(GuardError, match="got none"):
+        robot.move(move, None, 0.0)
+    with pytest.raises(GuardError, match=r"0.200 s ago"):
+        robot.move(move, GOOD, 0.2)
+    with pytest.raises(OtherRunError):
+        robot.move(Move(run="x", episode=0, step=1), GOOD, 0.0)
+    robot.move(move, GOOD, 0.0)
+    done = robot.moved(move, Increment(dx_mm=0.2), 2)
+    assert robot.again(move, GOOD, 0.0) == done
+    with pytest.raises(GuardError):
+        robot.again(move, GOOD, 0.2)
+    robot.lost()
+    assert robot.again(move, GOOD, 0.0) is None
+    with pytest.raises(OutOfOrderError, match="not homed"):
+        robot.move(Move(run="r", episode=0, step=2), GOOD, 0.0)
+
+
+def test_a_force_above_the_hard_limit_stops_a_motion() -> None:
+    robot = Robot(Definition(name="any"), "r", 0.1)
+    pressed = FtPacket(sequence=1, t_ns=1, force_n=((0.0, 0.0, -19.0), (0.0, 0.0, -21.0)), torque_nm=NONE * 2)
+    assert "21.00 N" in (robot.pressing(pressed) or "")
+    assert robot.pressing(GOOD) is None
+
+
+class Torn:
+    """A line that cannot be opened at first, and then is torn off."""
+
+    def __init__(self) -> None:
+        self.opened = 0
+
+    def open(self) -> None:
+        self.opened += 1
+        if self.opened < 3:
+            raise LineError("line: no such port")
+
+    def read(self, timeout_s: float = 0.0) -> bytes:
+        raise LineError("line: lost")
+
+    def write(self, data: bytes) -> None:
+        assert data in (b"", b"\r")
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+def test_a_line_is_opened_again_and_each_loss_is_told() -> None:
+    lost: list[str] = []
+    line, arm = Torn(), Arm(ArmSettings())
+    link = Link(line, RawChannel(), Terminal(DIALECTS["val2"]), arm.get_ready, lambda error: lost.append(str(error)))
+    while len(lost) < 4:
+        link.pump(0.01)
+    assert lost[0] == "robot: line: no such port"
+    assert lost[3] == "robot: line: lost"
+    assert not link.ready
+    with pytest.raises(LinkError, match="lost"):
+        link.run(arm.move(Increment(), 0, 1), lambda _: None)
+
+
+def test_a_plain_channel_passes_bytes_on() -> None:
+    channel = RawChannel()
+    assert not channel.up
+    assert channel.start(0.0) == b""
+    assert channel.up
+    assert channel.send(b"x", 0.0) == b"x"
+    assert channel.receive(b"y", 0.0) == Received(b"y")
+    assert channel.tick(1.0) == b""
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"start_location": "treenail"},
+        {"speed_percent": 0.0},
+        {"within_mm": float("nan")},
+        {"decimals": 1},
+        {"settle_s": -1.0},
+    ],
+)
+def test_settings_out_of_range_are_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(SettingError, match="expected"):
+        ArmSettings(**wrong)  # type: ignore[arg-type]
+
+
+def test_bytes_take_their_time_at_9600_baud() -> None:
+    pace = Pace(9600)
+    pace.put(b"ab", 1.0)
+    assert pace.take(1.0) == b""
+    assert pace.next_s == pytest.approx(1.0 + 10 / 9600)
+    assert pace.take(1.0 + 10.5 / 9600) == b"a"
+    assert pace.take(2.0) == b"b"
+    assert Pace(None).next_s is None
