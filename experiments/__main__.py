@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from services.wire import definition_file, plugins
+from services.wire import definition_file, plugins, swaps
 from services.wire import skill as skill_file
 from services.wire.errors import TreenailError
 from services.wire.randomness import MAX_SEED
@@ -53,14 +53,18 @@ def _run(arguments: argparse.Namespace) -> int:
         skill = skill_file.read(arguments.skill)
         skill_file.fits(skill.skill, definition)
         from_skill = f"-k{skill.sha256[:8]}"
-    folder = arguments.out or Path("runs", "experiments", f"{definition.name}-{sha256[:8]}{from_skill}")
-    seeds = arguments.seed_list or list(range(arguments.seeds))
     episodes = arguments.episodes or definition.episodes
+    planned = swaps.planned("", definition, arguments.swap, episodes)
+    from_swaps = f"-w{swaps.digest(planned)[:8]}" if planned else ""
+    folder = arguments.out or Path("runs", "experiments", f"{definition.name}-{sha256[:8]}{from_skill}{from_swaps}")
+    seeds = arguments.seed_list or list(range(arguments.seeds))
     result_files.prepare(folder, sha256, arguments.force)
     with progress.shown(len(seeds), episodes) as listener:
-        timed = run.run_seeds(definition, seeds, episodes, arguments.jobs or run.usable_cores(), listener, skill)
+        timed = run.run_seeds(
+            definition, seeds, episodes, arguments.jobs or run.usable_cores(), listener, skill, planned
+        )
     runs = [one.result for one in timed]
-    summary = results.summary(definition, sha256, runs)
+    summary = results.summary(definition, sha256, runs, planned)
     figures = plots.figures(definition.name, {one.seed: one.episodes for one in runs})
     result_files.write(folder, definition, summary, runs, figures)
     title = f"{definition.name}, {episodes} episodes"
@@ -116,6 +120,7 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     which.add_argument("--seeds", type=_positive, default=1, metavar="K", help="run seeds 0 to K-1 (default: 1)")
     which.add_argument("--seed-list", type=_seed_list, metavar="A,B,...", help="run these seeds")
     run.add_argument("--skill", type=Path, metavar="FILE", help="begin with a skill from `treenail checkpoint export`")
+    run.add_argument("--swap", action="append", default=[], metavar=swaps.SPEC, help=swaps.SPEC_HELP)
     run.add_argument("--out", type=Path, metavar="DIR", help=f"where results go (default: {_OUT})")
     run.add_argument("--jobs", type=_positive, metavar="J", help="seeds run at a time (default: one per core)")
     run.add_argument("--force", action="store_true", help="replace results of another definition")

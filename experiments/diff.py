@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import statistics
 from collections.abc import Iterator, Sequence
+from itertools import zip_longest
 from typing import NamedTuple
 
 import msgspec
@@ -11,7 +12,8 @@ import msgspec
 from experiments.results import succeeded
 from services.wire.actions import action_names
 from services.wire.definition import Definition
-from services.wire.messages import EpisodeSummary, JournalEpisode, JournalStep, RunRecord
+from services.wire.messages import EpisodeSummary, JournalEpisode, JournalStep, RunRecord, Swap
+from services.wire.swaps import words
 
 _OF_A_STEP = ("step", "force_n", "torque_nm", "state", "action", "reward", "policy_version")
 _OF_A_SUMMARY = tuple(name for name in EpisodeSummary.__struct_fields__ if name not in ("run", "episode"))
@@ -63,9 +65,15 @@ class Course(NamedTuple):
 class Comparison:
     """Two runs as far as they have been compared. Give it the journals' episodes in order."""
 
-    def __init__(self, a: RunRecord, b: RunRecord, first_versions: tuple[int, int] = (0, 0)) -> None:
+    def __init__(
+        self,
+        a: RunRecord,
+        b: RunRecord,
+        first_versions: tuple[int, int] = (0, 0),
+        swaps: tuple[Sequence[Swap], Sequence[Swap]] = ((), ()),
+    ) -> None:
         """``first_versions`` are the policy versions that the runs began with: 0 without a skill."""
-        self.settings = list(differences(a, b))
+        self.settings = [*differences(a, b), *swap_differences(*swaps)]
         self.parting: Parting | None = None
         self.pairs: list[tuple[EpisodeSummary, EpisodeSummary]] = []
         """Summaries of each episode from the parting on."""
@@ -129,6 +137,14 @@ def differences(a: RunRecord, b: RunRecord) -> Iterator[Difference]:
     for field in ("seed", "skill_sha256"):
         if getattr(a, field) != getattr(b, field):
             yield Difference(field, getattr(a, field), getattr(b, field))
+
+
+def swap_differences(a: Sequence[Swap], b: Sequence[Swap]) -> Iterator[Difference]:
+    """Give the swaps that two runs do not have in common; by what name they were asked for does not matter."""
+    for number, (in_a, in_b) in enumerate(zip_longest(a, b), start=1):
+        one, other = (None if swap is None else words(swap) for swap in (in_a, in_b))
+        if one != other:
+            yield Difference(f"swap {number}", one, other)
 
 
 def _flat(definition: Definition) -> dict[str, object]:

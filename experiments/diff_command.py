@@ -21,8 +21,9 @@ from experiments.results import episodes_digest
 from services.cli.terminal import console
 from services.wire.command import Parser
 from services.wire.errors import CellError
-from services.wire.messages import RunRecord
+from services.wire.messages import RunRecord, Swap
 from services.wire.skill import NamedSkill
+from services.wire.swaps import words
 
 PROGRAM = "treenail diff"
 
@@ -35,6 +36,7 @@ class Side(NamedTuple):
     began_with: NamedSkill | None
     episodes: int
     """How many there are."""
+    swaps: tuple[Swap, ...]
 
 
 class Digest(NamedTuple):
@@ -93,15 +95,15 @@ def _second_missing(places: Sequence[Stored]) -> CellError:
 
 def _side(stored: StoredRun) -> Side:
     record = stored.record()
-    return Side(stored, record, stored.skill(record.skill_sha256), stored.length())
+    return Side(stored, record, stored.skill(record.skill_sha256), stored.length(), stored.swaps())
 
 
 def _compare(a: Side, b: Side) -> Found:
     """Compare all episodes that both runs have, and fold them as the workers would."""
     common = min(a.episodes, b.episodes)
     first_versions = tuple(0 if side.began_with is None else side.began_with.version for side in (a, b))
-    comparison = Comparison(a.record, b.record, (first_versions[0], first_versions[1]))
-    replays = Replay(a.record, a.began_with), Replay(b.record, b.began_with)
+    comparison = Comparison(a.record, b.record, (first_versions[0], first_versions[1]), (a.swaps, b.swaps))
+    replays = Replay(a.record, a.began_with, a.swaps), Replay(b.record, b.began_with, b.swaps)
     pairs = zip(a.stored.episodes(common), b.stored.episodes(common), strict=True)
     for in_a, in_b in journal_options.shown(pairs, "diff", common):
         comparison.add(in_a, in_b)
@@ -146,6 +148,7 @@ def _side_as_json(side: Side) -> dict[str, object]:
         "definition": record.definition_sha256,
         "seed": record.seed,
         "began_with": record.skill_sha256,
+        "swaps": [words(swap) for swap in side.swaps],
         "episodes": side.episodes,
     }
 
@@ -158,7 +161,7 @@ def _print(found: Found) -> None:
             f"{name}: run {record.run}, {record.definition.name}, {side.episodes} episodes; {side.stored.stored.where}"
         )
     if comparison.settings:
-        print("not the same from the beginning:")
+        print("not the same by definition, beginning or swap:")
         made = Table()
         for heading in ("setting", "A", "B"):
             made.add_column(heading, overflow="fold")
@@ -166,7 +169,7 @@ def _print(found: Found) -> None:
             made.add_row(field, _text(a), _text(b))
         shown.print(made)
     else:
-        print("definition, seed and beginning are the same")
+        print("definition, seed, beginning and swaps are the same")
     _print_parting(comparison)
     print(f"after the {comparison.episodes} episodes that both have:")
     made = Table()

@@ -5,7 +5,7 @@ It takes the same steps as the distributed run, so it ends in the same bytes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from experiments.remembered_world import RememberedWorld
 from experiments.skills import skill_from
@@ -16,7 +16,7 @@ from services.task.insertion import Insertion
 from services.wire.codec import contract_sha256
 from services.wire.definition import Definition
 from services.wire.definition_file import definition_sha256, run_id
-from services.wire.messages import EpisodeSummary, FtPacket, Moved, Observation, RunRecord
+from services.wire.messages import EpisodeSummary, FtPacket, Moved, Observation, RunRecord, Swap
 from services.wire.skill import NamedSkill
 
 
@@ -24,12 +24,20 @@ class InProcessRun:
     """A run of one definition with one seed, that may begin with a learnt skill."""
 
     def __init__(
-        self, definition: Definition, seed: int, *, remember: bool = False, skill: NamedSkill | None = None
+        self,
+        definition: Definition,
+        seed: int,
+        *,
+        remember: bool = False,
+        skill: NamedSkill | None = None,
+        swaps: Sequence[Swap] = (),
     ) -> None:
         """Prepare the run; ``remember`` answers motions that were simulated before from memory, with the same bytes.
 
-        ``skill`` has to fit the definition, see ``services.wire.skill.fits``.
+        ``skill`` has to fit the definition, see ``services.wire.skill.fits``; ``swaps`` are as
+        ``services.wire.swaps.planned`` gives them.
         """
+        self._swaps = tuple(swaps)
         self._began_with = skill
         sha256 = None if skill is None else skill.sha256
         self.run = run_id(definition, seed, sha256)
@@ -44,8 +52,8 @@ class InProcessRun:
         world = RememberedWorld(definition) if remember else None
         self.cell = SimulatedCell(definition, self.run, seed, world)
         self.task = Insertion(definition, self.run, seed)
-        self.classifier = ClassifierFold(definition, self.run)
-        self.agent = AgentFold(definition, self.run, seed)
+        self.classifier = ClassifierFold(definition, self.run, swaps)
+        self.agent = AgentFold(definition, self.run, seed, swaps)
         if skill is not None:
             self.classifier.begin_with(skill.skill)
             self.agent.begin_with(skill.skill)
@@ -63,7 +71,7 @@ class InProcessRun:
         return skill_from(self.record, self.episodes_done, self.agent, self.classifier, self._began_with)
 
     def _episode(self) -> EpisodeSummary:
-        moved, packet = self.cell.home(self.task.home(self.episodes_done, self.decisions))
+        moved, packet = self.cell.home(self.task.home(self.episodes_done, self.decisions, self._swaps))
         while True:
             felt = self.task.feel(moved, packet.force_n[-1], packet.torque_nm[-1])
             if felt.reward is not None:

@@ -10,8 +10,8 @@ from services.cli.client import Client
 from services.wire import skill as skills
 from services.wire.codec import contract_sha256, decode
 from services.wire.errors import CellError, ContractError, GapError, NoAnswerError, RefusedError, WrongVersionError
-from services.wire.keys import JOURNAL_BLOCK, LATEST, SKILL
-from services.wire.messages import Checkpoint, JournalEpisode, Message, RunRecord
+from services.wire.keys import JOURNAL_BLOCK, LATEST, SKILL, SWAPS
+from services.wire.messages import Checkpoint, JournalEpisode, Message, RunRecord, Swap, Swaps
 from services.wire.skill import NamedSkill
 
 M = TypeVar("M", bound=Message)
@@ -108,6 +108,11 @@ class StoredRun:
             if found.sha256 == sha256:
                 return found
         raise NoAnswerError(f"run {self.name}: expected skill {sha256[:12]}, that it began with, got none")
+
+    def swaps(self) -> tuple[Swap, ...]:
+        """Return all swaps of the run, those for episodes to come among them."""
+        found = self._messages(f"journal/{self.name}/{SWAPS}", Swaps)
+        return found[0].swaps if found else ()
 
     def newest(self) -> JournalEpisode | None:
         """Return the newest episode, as the store has it under ``latest``; None before the first."""

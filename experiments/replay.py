@@ -9,7 +9,7 @@ goes on with what the journal says, so that it shows which part of the memory is
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from typing import NamedTuple
 
 from msgspec.structs import replace
@@ -21,8 +21,9 @@ from services.classifier.fold import ClassifierFold
 from services.wire.actions import action_names
 from services.wire.definition_file import definition_sha256, run_id
 from services.wire.errors import BadPayloadError, DivergedError, FoldError, GapError
-from services.wire.messages import EpisodeSummary, JournalEpisode, JournalStep, Observation, Reward, RunRecord
+from services.wire.messages import EpisodeSummary, JournalEpisode, JournalStep, Observation, Reward, RunRecord, Swap
 from services.wire.skill import NamedSkill
+from services.wire.swaps import fresh_at, known_in
 
 
 class Mismatch(NamedTuple):
@@ -88,20 +89,23 @@ class Replay:
         self,
         record: RunRecord,
         began_with: NamedSkill | None = None,
+        swaps: Sequence[Swap] = (),
         *,
         at_episodes: Collection[int] = (),
         at_versions: Collection[int] = (),
         at_decisions: Collection[int] = (),
     ) -> None:
-        """Begin a run that began with a skill, or with nothing learnt.
+        """Begin a run that began with a skill, or with nothing learnt; ``swaps`` are all that were made in it.
 
-        Digests are kept of the memory before ``at_episodes``, of the Q-table at policy versions ``at_versions`` and
-        of the ART2 weights after so many decisions. Raises DivergedError when these parts are not of one run.
+        Digests are kept of the memory before ``at_episodes``, of the Q-table at policy versions
+        ``at_versions``, and of the ART2 weights after so many decisions. Raises DivergedError when these parts are not
+        of one run.
         """
         _check_record(record, began_with)
         self.record = record
-        self.agent = AgentFold(record.definition, record.run, record.seed)
-        self.classifier = ClassifierFold(record.definition, record.run)
+        self.swaps = tuple(swaps)
+        self.agent = AgentFold(record.definition, record.run, record.seed, swaps)
+        self.classifier = ClassifierFold(record.definition, record.run, swaps)
         self.known_states = 0
         """Contact states that the task has seen."""
         if began_with is not None:
@@ -114,7 +118,8 @@ class Replay:
         self.first_mismatch: Mismatch | None = None
         self.moments: dict[int, Moment] = {}
         """Memory before each of ``at_episodes``, as far as they were reached."""
-        self.q_table_at: dict[int, str] = {}
+        self.q_table_at: dict[int, dict[int, str]] = {}
+        """By policy version and, as a table may be begun afresh between two updates, by decisions."""
         self.art2_at: dict[int, str] = {}
         self._actions = action_names(record.definition.moves)
         self._at_episodes, self._at_versions = frozenset(at_episodes), frozenset(at_versions)
@@ -170,6 +175,8 @@ class Replay:
         worker can fold; the replay is of no use then.
         """
         summary = self._checked(entry)
+        if fresh_at(self.swaps, entry.episode, "classifier"):
+            self.known_states = 0
         for index, step in enumerate(entry.steps):
             try:
                 troubles = [*self._fold_step(entry, index, self._complete(step), summary)]
@@ -192,6 +199,8 @@ class Replay:
         for what, wanted, got in zip(("run", "episode", "first_decision"), expected, place, strict=True):
             if wanted != got:
                 raise GapError(f"run {run}, episode {self.episodes}: {what}: expected {wanted}, got {got}")
+        if (known := known_in(self.swaps, entry.episode)) != entry.swaps:
+            raise GapError(f"run {run}, episode {entry.episode}: swaps: expected {known}, got {entry.swaps}")
         if summary is None or (summary.run, summary.episode) != (run, entry.episode):
             got = "none" if summary is None else f"that of episode {summary.episode} of run {summary.run}"
             raise BadPayloadError(f"run {run}, episode {entry.episode}: expected its summary, got {got}")
@@ -220,6 +229,7 @@ class Replay:
                 decision=decision,
                 force_n=step.force_n,
                 torque_nm=step.torque_nm,
+                swaps=entry.swaps,
             )
         )
         if state.state != made.state:
@@ -240,6 +250,7 @@ class Replay:
                 decision=decision,
                 reward=made.reward,
                 terminal=summary.outcome if index == len(entry.steps) - 1 else None,
+                swaps=entry.swaps,
             )
         )
         self._look()
@@ -251,9 +262,9 @@ class Replay:
 
     def _look(self) -> None:
         """Keep digests of the memory when it is at a wanted version or decision."""
-        version = self.agent.learner.version
+        version = self.agent.version
         if version in self._at_versions:
-            self.q_table_at[version] = self.agent.learner.digest()
+            self.q_table_at.setdefault(version, {})[self.agent.decisions] = self.agent.learner.digest()
         if self.decisions in self._at_decisions:
             self.art2_at[self.decisions] = self.classifier.network.digest()
 

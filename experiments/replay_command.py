@@ -26,8 +26,9 @@ from services.wire.command import Parser
 from services.wire.definition_file import run_id_of
 from services.wire.errors import NoAnswerError, RefusedError
 from services.wire.keys import CLASSIFIER_STATES, Q_TABLE
-from services.wire.messages import ClassifierStates, QTable, RunRecord
+from services.wire.messages import ClassifierStates, QTable, RunRecord, Swap
 from services.wire.skill import NamedSkill
+from services.wire.swaps import words
 
 PROGRAM = "treenail replay"
 JOURNALLED_WITHIN_S = 10.0
@@ -47,9 +48,9 @@ def _act(arguments: argparse.Namespace) -> bool:
     with journal_options.places(arguments, arguments.store) as places:
         run = chosen(places, arguments.run)
         record = run.record()
-        began_with = run.skill(record.skill_sha256)
-        witnesses = _witnesses(run, record, arguments)
-        replay = witnesses.replay(record, began_with)
+        began_with, swaps = run.skill(record.skill_sha256), run.swaps()
+        witnesses = _witnesses(run, record, swaps, arguments)
+        replay = witnesses.replay(record, began_with, swaps)
         total = run.length() if until is None else until
         for entry in journal_options.shown(run.episodes(until), "replay", total):
             replay.fold(entry)
@@ -65,14 +66,14 @@ def _agrees(replay: Replay, compared: Sequence[Compared]) -> bool:
     return not replay.mismatches and all(one.equal is not False for one in compared)
 
 
-def _witnesses(run: StoredRun, record: RunRecord, arguments: argparse.Namespace) -> Witnesses:
+def _witnesses(run: StoredRun, record: RunRecord, swaps: Sequence[Swap], arguments: argparse.Namespace) -> Witnesses:
     """Collect what else knows of the run; the living workers first, so that the journal then goes as far as they."""
     table = states = None
     if isinstance(run.stored, InCell) and arguments.until is None:
         table, states = _living(run.stored.client, run.name)
         _wait_until_journalled(run, table, states)
-    path = arguments.summary or _summary_beside(run, record)
-    summary = None if path is None else read_summary(path, record)
+    path = arguments.summary or _summary_beside(run, record, swaps)
+    summary = None if path is None else read_summary(path, record, swaps)
     return Witnesses(run.checkpoints(), summary, table, states)
 
 
@@ -100,7 +101,7 @@ def _wait_until_journalled(run: StoredRun, table: QTable | None, states: Classif
         time.sleep(LOOK_EVERY_S)
 
 
-def _summary_beside(run: StoredRun, record: RunRecord) -> Path | None:
+def _summary_beside(run: StoredRun, record: RunRecord, swaps: Sequence[Swap]) -> Path | None:
     """Return the ``summary.json`` in the folder of a store's file if it can only be that of the run."""
     if not isinstance(run.stored, InFile):
         return None
@@ -110,13 +111,13 @@ def _summary_beside(run: StoredRun, record: RunRecord) -> Path | None:
     if len(same) > 1 or not path.is_file():
         return None
     try:
-        read_summary(path, record)
+        read_summary(path, record, swaps)
     except ResultsError:
         return None
     return path
 
 
-def read_summary(path: Path, record: RunRecord) -> RunSummary:
+def read_summary(path: Path, record: RunRecord, swaps: Sequence[Swap] = ()) -> RunSummary:
     """Return what a ``summary.json`` says of a run. Raises ResultsError when it cannot be read or has it not."""
     try:
         found = msgspec.json.decode(path.read_bytes(), type=Summary)
@@ -129,6 +130,10 @@ def read_summary(path: Path, record: RunRecord) -> RunSummary:
         seeds = ", ".join(str(run["seed"]) for run in found["runs"])
         expected = f"definition {record.definition_sha256[:12]} with seed {record.seed}"
         raise ResultsError(f"{path}: expected {expected}, got {found['definition_sha256'][:12]} with seed {seeds}")
+    made = [words(swap) for swap in swaps if swap.episode < of_seed[0]["episodes"]]
+    if found.get("swaps", []) != made:
+        got = "; ".join(found.get("swaps", [])) or "none"
+        raise ResultsError(f"{path}: expected the swaps {'; '.join(made) or 'none'}, got {got}")
     return of_seed[0]
 
 
@@ -140,6 +145,7 @@ def _as_json(replay: Replay, began_with: NamedSkill | None, compared: Sequence[C
         "definition": record.definition_sha256,
         "seed": record.seed,
         "began_with": None if began_with is None else began_with.sha256,
+        "swaps": [msgspec.to_builtins(swap) for swap in replay.swaps],
         "episodes": replay.episodes,
         "decisions": replay.decisions,
         "digests": replay.digests(),
@@ -155,6 +161,8 @@ def _print(replay: Replay, began_with: NamedSkill | None, compared: Sequence[Com
     record, states = replay.record, replay.states()
     began = "nothing learnt" if began_with is None else f"skill {began_with.sha256[:12]}"
     print(f"run {record.run}: {record.definition.name}, seed {record.seed}, began with {began}")
+    for swap in replay.swaps:
+        print(f"swap: {words(swap)}")
     print(f"{replay.episodes} episodes, {replay.decisions} decisions, {len(states)} contact states")
     for part, digest in replay.digests().items():
         print(f"{part:<8}  {digest}")

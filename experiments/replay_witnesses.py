@@ -14,7 +14,7 @@ from experiments.results import RunSummary, episodes_digest
 from services.agent.fold import AgentFold
 from services.classifier.fold import ClassifierFold
 from services.wire.errors import DivergedError
-from services.wire.messages import Checkpoint, ClassifierStates, QTable, RunRecord
+from services.wire.messages import Checkpoint, ClassifierStates, QTable, RunRecord, Swap
 from services.wire.skill import NamedSkill
 
 PARTS = {"agent": "q_table", "classifier": "art2"}
@@ -48,7 +48,7 @@ class Witnesses(NamedTuple):
     states: ClassifierStates | None = None
     """Of the living classifier."""
 
-    def replay(self, record: RunRecord, began_with: NamedSkill | None) -> Replay:
+    def replay(self, record: RunRecord, began_with: NamedSkill | None, swaps: Sequence[Swap] = ()) -> Replay:
         """Return a replay that keeps what is needed for ``compared``."""
         episodes = {checkpoint.episode for _, checkpoint in self.checkpoints}
         if self.summary is not None:
@@ -56,6 +56,7 @@ class Witnesses(NamedTuple):
         return Replay(
             record,
             began_with,
+            swaps,
             at_episodes=episodes,
             at_versions=() if self.table is None else (self.table.policy_version,),
             at_decisions=() if self.states is None else (self.states.decisions,),
@@ -71,7 +72,8 @@ class Witnesses(NamedTuple):
             found += _summary(replay, self.summary)
         if self.table is not None:
             version = self.table.policy_version
-            rebuilt = replay.q_table_at.get(version)
+            at_version = replay.q_table_at.get(version, {})
+            rebuilt = at_version.get(self.table.decisions, next(iter(at_version.values()), None))
             found.append(_living("agent", f"at version {version}", rebuilt, self.table.digest))
         if self.states is not None:
             decisions = self.states.decisions
@@ -88,9 +90,9 @@ def _checkpoint(replay: Replay, began_with: NamedSkill | None, name: str, checkp
     place, moment = f"before episode {checkpoint.episode}", replay.moments.get(checkpoint.episode)
     fold: AgentFold | ClassifierFold
     if checkpoint.service == "agent":
-        fold = AgentFold(record.definition, record.run, record.seed)
+        fold = AgentFold(record.definition, record.run, record.seed, replay.swaps)
     else:
-        fold = ClassifierFold(record.definition, record.run)
+        fold = ClassifierFold(record.definition, record.run, replay.swaps)
     if began_with is not None:
         begin(fold, began_with)
     try:

@@ -10,11 +10,12 @@ import hashlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypedDict
+from typing import NotRequired, TypedDict
 
 from services.wire import codec
 from services.wire.definition import Definition
-from services.wire.messages import EpisodeSummary
+from services.wire.messages import EpisodeSummary, Swap
+from services.wire.swaps import words
 
 STEADY_EPISODES = 100
 """Length of the window that must be steady."""
@@ -58,6 +59,8 @@ class Summary(TypedDict):
     experiment: str
     definition_sha256: str
     runs: list[RunSummary]
+    swaps: NotRequired[list[str]]
+    """In words, what was swapped in the course of each run, and from when on; not there without any."""
 
 
 @dataclass(frozen=True)
@@ -143,13 +146,18 @@ def run_summary(run: RunResult) -> RunSummary:
     }
 
 
-def summary(definition: Definition, definition_sha256: str, runs: Sequence[RunResult]) -> Summary:
+def summary(
+    definition: Definition, definition_sha256: str, runs: Sequence[RunResult], swaps: Sequence[Swap] = ()
+) -> Summary:
     """Return the content of ``summary.json``, runs in the given order. Raises ValueError for a run without episodes."""
-    return {
+    found: Summary = {
         "experiment": definition.name,
         "definition_sha256": definition_sha256,
         "runs": [run_summary(run) for run in runs],
     }
+    if swaps:
+        found["swaps"] = [words(swap) for swap in swaps]
+    return found
 
 
 def _block(episodes: Sequence[EpisodeSummary]) -> Block:

@@ -20,6 +20,7 @@ from experiments.children import GRACE_S, POLL_S, how_it_ended, interrupt_noted,
 from experiments.results import Digests, RunResult, episodes_digest
 from services.wire.definition import Definition
 from services.wire.errors import TreenailError
+from services.wire.messages import Swap
 from services.wire.skill import NamedSkill
 
 
@@ -77,15 +78,16 @@ def run_seed(
     episodes: int,
     advanced: Callable[[int], None],
     skill: NamedSkill | None = None,
+    swaps: Sequence[Swap] = (),
 ) -> TimedRun:
     """Run one seed in this process; ``advanced`` hears the number of episodes finished after each.
 
-    ``skill`` is what the run begins with; it has to fit the definition.
+    ``skill`` is what the run begins with; it has to fit the definition. ``swaps`` are made in the course of it.
     """
     # Physics and compiled kernels are loaded where they are used: the parent would only start more slowly.
     from experiments.in_process import InProcessRun
 
-    run = InProcessRun(definition, seed, remember=True, skill=skill)
+    run = InProcessRun(definition, seed, remember=True, skill=skill, swaps=swaps)
     began = time.perf_counter()
     summaries = []
     for summary in run.episodes(episodes):
@@ -107,10 +109,11 @@ def run_seeds(
     jobs: int,
     listener: Listener,
     skill: NamedSkill | None = None,
+    swaps: Sequence[Swap] = (),
 ) -> tuple[TimedRun, ...]:
     """Run every seed for so many episodes, at most ``jobs`` at a time; results in ascending order of seeds.
 
-    ``skill`` is what each of them begins with; it has to fit the definition.
+    ``skill`` is what each of them begins with; it has to fit the definition. ``swaps`` are made in each of them.
 
     To be called from the main thread. Raises SeedError when a run fails and KeyboardInterrupt upon Ctrl-C or SIGTERM;
     all children have ended by then. Of a parent that is killed outright, each child ends with its current episode.
@@ -121,7 +124,7 @@ def run_seeds(
             while waiting or children:
                 while waiting and len(children) < jobs:
                     seed = waiting.popleft()
-                    new, child = _start(definition, seed, episodes, skill)
+                    new, child = _start(definition, seed, episodes, skill, swaps)
                     children[new] = child
                     listener.started(seed)
                 heard = connection.wait(list(children), timeout=POLL_S)
@@ -158,11 +161,11 @@ def _hear(
 
 
 def _start(
-    definition: Definition, seed: int, episodes: int, skill: NamedSkill | None
+    definition: Definition, seed: int, episodes: int, skill: NamedSkill | None, swaps: Sequence[Swap]
 ) -> tuple[connection.Connection, _Child]:
     context = multiprocessing.get_context("spawn")
     receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_work, args=(sender, definition, seed, episodes, skill), daemon=True)
+    process = context.Process(target=_work, args=(sender, definition, seed, episodes, skill, swaps), daemon=True)
     try:
         start(process)
     except OSError as error:
@@ -172,12 +175,17 @@ def _start(
 
 
 def _work(
-    sender: connection.Connection, definition: Definition, seed: int, episodes: int, skill: NamedSkill | None
+    sender: connection.Connection,
+    definition: Definition,
+    seed: int,
+    episodes: int,
+    skill: NamedSkill | None,
+    swaps: Sequence[Swap],
 ) -> None:
     """Run one seed in a child and send the number of episodes after each, at the end the result or the failure."""
     message: TimedRun | _Failure
     try:
-        message = run_seed(definition, seed, episodes, sender.send, skill)
+        message = run_seed(definition, seed, episodes, sender.send, skill, swaps)
     except BrokenPipeError:
         return  # the parent is gone, nobody waits for this run
     except TreenailError as error:

@@ -13,8 +13,9 @@ from services.agent.fold import AgentFold
 from services.classifier.fold import ClassifierFold
 from services.wire.actions import action_names
 from services.wire.errors import DivergedError, TreenailError
-from services.wire.messages import Checkpoint, JournalEpisode, RunRecord, Skill
+from services.wire.messages import Checkpoint, JournalEpisode, RunRecord, Skill, Swap
 from services.wire.skill import NamedSkill, named
+from services.wire.swaps import in_force
 
 
 class SkillDigests(TypedDict):
@@ -30,8 +31,9 @@ def skill_after(
     checkpoints: Mapping[str, Checkpoint],
     journal: Sequence[JournalEpisode],
     began_with: NamedSkill | None,
+    swaps: Sequence[Swap] = (),
 ) -> NamedSkill:
-    """Return what a run had learnt after all its episodes before ``episode``.
+    """Return what a run with these swaps had learnt after all its episodes before ``episode``.
 
     ``checkpoints`` are those of "agent" and "classifier" to begin from, before ``episode`` or at it, if any; in
     ``journal`` are all episodes from the earlier of these up to ``episode``, in order. Raises TreenailError when some
@@ -40,8 +42,8 @@ def skill_after(
     sha256 = None if began_with is None else began_with.sha256
     if record.skill_sha256 != sha256:
         raise DivergedError(f"run {record.run}: expected skill {record.skill_sha256} to begin with, got {sha256}")
-    agent = AgentFold(record.definition, record.run, record.seed)
-    classifier = ClassifierFold(record.definition, record.run)
+    agent = AgentFold(record.definition, record.run, record.seed, swaps)
+    classifier = ClassifierFold(record.definition, record.run, swaps)
     for service, fold in (("agent", agent), ("classifier", classifier)):
         _go_to(fold, checkpoints.get(service), began_with)
         first = checkpoints[service].episode if service in checkpoints else 0
@@ -75,14 +77,16 @@ def skill_from(
             episodes=before + episodes,
             agent=agent.learnt(),
             classifier=classifier.learnt(),
+            swaps=classifier.timeline.known[: classifier.timeline.made],
         )
     )
 
 
 def digests(skill: Skill) -> SkillDigests:
     """Return the digests of what a skill holds, which have to fit its definition (ValueError otherwise)."""
-    agent = AgentFold(skill.definition, skill.run, skill.seed)
-    classifier = ClassifierFold(skill.definition, skill.run)
+    learnt_by = in_force(skill.definition, skill.swaps)
+    agent = AgentFold(learnt_by, skill.run, skill.seed)
+    classifier = ClassifierFold(learnt_by, skill.run)
     agent.begin_with(skill)
     classifier.begin_with(skill)
     return {"q_table": agent.learner.digest(), "art2": classifier.network.digest()}

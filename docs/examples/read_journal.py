@@ -10,7 +10,7 @@ endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"
 config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [endpoint]}}))
 with zenoh.open(config) as session:
     for reply in session.get("treenail/a/journal/*/latest"):
-        assert str(reply.ok.encoding) == "application/msgpack;treenail.JournalEpisode.v1"
+        assert str(reply.ok.encoding) == "application/msgpack;treenail.JournalEpisode.v2"
         entry = msgpack.unpackb(reply.ok.payload.to_bytes())
         outcome = entry["summary"]["outcome"]
         print(f"run {entry['run']}, episode {entry['episode']}: {len(entry['steps'])} decisions, {outcome}")

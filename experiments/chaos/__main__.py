@@ -28,6 +28,9 @@ from services.wire.command import EXIT_ERROR, Parser
 from services.wire.definition import Definition
 from services.wire.definition_file import check_run, load
 from services.wire.errors import TreenailError
+from services.wire.messages import Swap
+from services.wire.swaps import SPEC, SPEC_HELP
+from services.wire.swaps import planned as swaps_of
 
 PROGRAM = "treenail chaos"
 EXIT_DIFFERS, EXIT_INTERRUPTED = 1, 130
@@ -55,6 +58,7 @@ def main(words: Sequence[str] | None = None) -> int:
 def _run(arguments: argparse.Namespace) -> int:
     definition = load(arguments.experiment, arguments.set)
     check_run(arguments.seed, arguments.episodes)
+    swaps = swaps_of("", definition, arguments.swap, arguments.episodes)
     others = max(1, arguments.kills // OTHERS_PER_KILLS) if arguments.others is None else arguments.others
 
     def planned(kinds: Sequence[str]) -> plans.Plan:
@@ -68,7 +72,7 @@ def _run(arguments: argparse.Namespace) -> int:
             why = "; ".join(set(skipped.values()))
             raise TreenailError(f"--kinds: expected some that can be done here, got none: {why}")
         plan = planned(kinds)
-        runs = _carry_out(arguments, definition, plan, clocks, folder)
+        runs = _carry_out(arguments, definition, swaps, plan, clocks, folder)
         return _tell(arguments, plan, runs, skipped, folder)
 
 
@@ -85,11 +89,17 @@ def _clocks(folder: Path, kinds: Sequence[str]) -> tuple[Clocks | None, dict[str
 
 
 def _carry_out(
-    arguments: argparse.Namespace, definition: Definition, plan: plans.Plan, clocks: Clocks | None, folder: Path
+    arguments: argparse.Namespace,
+    definition: Definition,
+    swaps: Sequence[Swap],
+    plan: plans.Plan,
+    clocks: Clocks | None,
+    folder: Path,
 ) -> list[RunReport]:
     settings = Settings(
         experiment=arguments.experiment,
         overrides=tuple(arguments.set),
+        swaps=tuple(arguments.swap),
         definition=definition,
         episodes=arguments.episodes,
         first_seed=arguments.seed,
@@ -98,7 +108,7 @@ def _carry_out(
     )
 
     def reference(what: Definition, seed: int, episodes: int) -> Reference:
-        return undisturbed(what, seed + 1 if arguments.control else seed, episodes)
+        return undisturbed(what, seed + 1 if arguments.control else seed, episodes, swaps)
 
     return carry_out(settings, plan, clocks, _teller(arguments.json), reference)
 
@@ -163,6 +173,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     run.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file of the definition")
     run.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
+    run.add_argument("--swap", action="append", default=[], metavar=SPEC, help=SPEC_HELP)
     run.add_argument("--seed", type=int, default=0, help="seed of the plan and of the first run (default: 0)")
     run.add_argument("--episodes", type=int, default=40, help="length of each run (default: 40)")
     run.add_argument("--kills", type=int, default=20, metavar="N", help="processes to kill (default: 20)")

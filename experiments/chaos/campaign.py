@@ -27,6 +27,8 @@ class Settings(NamedTuple):
 
     experiment: str
     overrides: tuple[str, ...]
+    swaps: tuple[str, ...]
+    """What is swapped in each run, in the words of ``services.wire.swaps.spec``."""
     definition: Definition
     episodes: int
     first_seed: int
@@ -110,7 +112,15 @@ def _run(
 ) -> None:
     """Disturb one run, and note in its report how it went."""
     out = settings.out / f"seed-{report.seed}"
-    order = Order(settings.experiment, settings.overrides, report.seed, settings.episodes, out, settings.viewer)
+    order = Order(
+        settings.experiment,
+        settings.overrides,
+        settings.swaps,
+        report.seed,
+        settings.episodes,
+        out,
+        settings.viewer,
+    )
     report.expected = expected.result.digests
     try:
         cell = ChaosCell(order, report.far, clocks)

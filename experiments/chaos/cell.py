@@ -33,6 +33,7 @@ class Order(NamedTuple):
 
     experiment: str
     overrides: tuple[str, ...]
+    swaps: tuple[str, ...]
     seed: int
     episodes: int
     out: Path
@@ -66,6 +67,7 @@ class ChaosCell:
         words += ["--out", str(order.out), "--port", "0"]
         words += ["--viewer-port", "0", "--viewer-bind", "127.0.0.1", "--no-web"] if order.viewer else ["--no-viewer"]
         words += [word for item in order.overrides for word in ("--set", item)]
+        words += [word for item in order.swaps for word in ("--swap", item)]
         self.plan = plans.plan_of(parser.parse_args(words))
         self.far = far
         self.clocks = clocks

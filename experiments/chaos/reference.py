@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from experiments.results import Digests, RunResult, episodes_digest
 from services.wire.definition import Definition
-from services.wire.messages import JournalEpisode
+from services.wire.messages import JournalEpisode, Swap
 
 
 class Reference(NamedTuple):
@@ -27,12 +27,12 @@ class Verdict(NamedTuple):
     """Decisions of the reference that the journal does not hold, or holds otherwise."""
 
 
-def undisturbed(definition: Definition, seed: int, episodes: int) -> Reference:
-    """Run in this process, and return what it gave."""
+def undisturbed(definition: Definition, seed: int, episodes: int, swaps: Sequence[Swap] = ()) -> Reference:
+    """Run in this process, making swaps on the way, and return what it gave."""
     # Physics and compiled kernels are loaded where they are used: the command would only start more slowly.
     from experiments.in_process import InProcessRun
 
-    run = InProcessRun(definition, seed)
+    run = InProcessRun(definition, seed, swaps=swaps)
     summaries, journal = [], []
     for summary in run.episodes(episodes):
         summaries.append(summary)

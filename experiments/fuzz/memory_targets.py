@@ -99,7 +99,7 @@ def _check_classifier(given: Input) -> None:
     assert isinstance(settings, Art2Settings)
     states = check_classifier(given, settings)
     fold = ClassifierFold(DEFINITION, RUN)
-    fold.restore({**given, "fold_decisions": 0, "fold_episode": 0})
+    fold.restore({**given, "fold_decisions": 0, "fold_episode": 0, "fold_swaps": 0})
     promise(fold.learnt()["states"] == states, "a skill with another number of states than its classifier's")
 
 

@@ -14,7 +14,7 @@ from services.agent.fold import AgentFold
 from services.classifier.fold import ClassifierFold
 from services.wire.actions import action_names
 from services.wire.codec import contract_sha256
-from services.wire.definition import Definition
+from services.wire.definition import Definition, Sarsa
 from services.wire.definition_file import definition_sha256, run_id, shipped
 from services.wire.messages import (
     Action,
@@ -40,6 +40,10 @@ from services.wire.messages import (
     RunRecord,
     Skill,
     State,
+    Swap,
+    Swapped,
+    SwapRequest,
+    Swaps,
     Truth,
 )
 
@@ -49,6 +53,7 @@ RUN = run_id(DEFINITION, SEED)
 DIRECTIONS: tuple[Force, ...] = ((0.0, 0.0, -2.0), (1.5, 0.0, -0.5), (-1.0, 1.0, -0.25), (0.0, -3.0, -1.0))
 Place = dict[str, Any]
 TORQUE: Force = (0.01, -0.02, 0.0)
+SWAP = Swap(request="0f" * 16, episode=4, learner=Sarsa())
 
 
 @dataclass
@@ -180,6 +185,9 @@ def _answers(agent: AgentFold) -> list[Message]:
             **place, states=2, encoding="odd", prototypes=((1.0,) * 6, (-0.5,) * 6), counts=(3, 5), digest=digest
         ),
         Classified(**place, states=2, state=None, match=-1.0),
+        SwapRequest(run=RUN, request="0f" * 16, episode=4, classifier=DEFINITION.classifier),
+        Swapped(run=RUN, number=1, swap=SWAP),
+        Swaps(run=RUN, swaps=(SWAP,)),
         Experiment(
             run=RUN,
             seed=SEED,
@@ -191,6 +199,7 @@ def _answers(agent: AgentFold) -> list[Message]:
             episodes_done=1,
             decisions=8,
             phase="running",
+            swaps=(SWAP,),
         ),
         Refusal(reason="guard", message="guard: dz_mm: expected 0.0 to 0.2, got -0.2"),
         Alive(

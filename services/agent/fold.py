@@ -1,19 +1,23 @@
 """The agent as a pure fold: its memory after decision n is a function of what the run began with and 0..n alone.
 
-It begins with the definition, the seed and perhaps a skill; states and rewards follow.
+It begins with the definition, the seed and perhaps a skill; states and rewards follow. Swaps take effect at their
+episodes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from services.agent.learning import Learner as TdLearner
 from services.wire import plugins
 from services.wire.definition import Definition, Plugin
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
-from services.wire.messages import Action, JournalEpisode, Reward, Skill, State
-from services.wire.place import split_place, with_place
+from services.wire.messages import Action, JournalEpisode, Reward, Skill, State, Swap
+from services.wire.place import Place, split_place, with_place
 from services.wire.plugins import Learner
+from services.wire.timeline import Timeline
+
+_FORGOTTEN = "fold_forgotten"
 
 
 def learner_of(definition: Definition, seed: int) -> Learner:
@@ -27,9 +31,13 @@ def learner_of(definition: Definition, seed: int) -> Learner:
 class AgentFold:
     """A learner with a place in the run: decisions seen before are answered again, and nothing is learnt twice."""
 
-    def __init__(self, definition: Definition, run: str, seed: int) -> None:
+    def __init__(self, definition: Definition, run: str, seed: int, swaps: Sequence[Swap] = ()) -> None:
         self.learner = learner_of(definition, seed)
+        self.timeline = Timeline(definition, swaps)
         self.run = run
+        self._seed = seed
+        self._forgotten = 0
+        """Learning updates of the tables that swaps have put an end to."""
         self.decisions = 0
         """States folded so far: the decision number that comes next."""
         self.rewards = 0
@@ -56,6 +64,7 @@ class AgentFold:
             raise GapError(f"state: the reward of decision {self.decisions - 1} is missing")
         if state.episode < self.episode:
             raise DivergedError(f"state: expected episode {self.episode} or later, got {state.episode}")
+        self._swap(self.timeline.due(state))
         try:
             chosen = self.learner.decide(self._previous, state.state, state.episode, state.step)
         except ValueError as error:
@@ -72,7 +81,8 @@ class AgentFold:
             decision=state.decision,
             state=state.state,
             action=chosen,
-            policy_version=self.learner.version,
+            policy_version=self.version,
+            swaps=state.swaps,
         )
         self._answers[state.decision] = (state, action)
         self.decisions += 1
@@ -104,6 +114,11 @@ class AgentFold:
         return True
 
     @property
+    def version(self) -> int:
+        """Policy version: learning updates so far, those of tables that were given up among them; it never falls."""
+        return self._forgotten + self.learner.version
+
+    @property
     def between_episodes(self) -> bool:
         """True when nothing of an episode is under way, so that ``snapshot`` is complete."""
         return self.rewards == self.decisions and self._previous is None
@@ -123,6 +138,7 @@ class AgentFold:
                     state=step.state,
                     states=step.state + 1,
                     match=0.0,
+                    swaps=journal.swaps,
                 )
             )
             if step.action is not None and step.action != action.action:
@@ -139,6 +155,7 @@ class AgentFold:
                         decision=decision,
                         reward=step.reward,
                         terminal=journal.summary.outcome if ended and journal.summary is not None else None,
+                        swaps=journal.swaps,
                     )
                 )
 
@@ -155,17 +172,42 @@ class AgentFold:
 
     def snapshot(self) -> dict[str, bytes | int]:
         """Return the memory. Raises ValueError when an episode is under way."""
-        return with_place(self.learnt(), self.decisions, self.episode)
+        place = Place(self.decisions, self.episode, self.timeline.made)
+        return {**with_place(self.learnt(), place), _FORGOTTEN: self._forgotten}
 
     def restore(self, snapshot: Mapping[str, bytes | int]) -> None:
         """Take over a memory. Raises ValueError, with nothing changed, when it does not fit."""
-        memory, decisions, episode = split_place(snapshot, "agent")
-        self.learner.restore(memory)
-        self.decisions = self.rewards = decisions
-        self.episode = episode
+        memory, place = split_place(snapshot, "agent")
+        forgotten = memory.pop(_FORGOTTEN, None)
+        if not isinstance(forgotten, int) or forgotten < 0:
+            raise ValueError(f"agent checkpoint: expected {_FORGOTTEN} of 0 or more")
+        learner = self._learner_after(place.swaps)
+        learner.restore(memory)
+        self.learner, self._forgotten = learner, forgotten
+        self.timeline.made = place.swaps
+        self.decisions = self.rewards = place.decisions
+        self.episode = place.episode
         self._previous = None
         self._answers.clear()
         self._received.clear()
+
+    def _swap(self, due: Sequence[Swap]) -> None:
+        """Make swaps, keeping the table unless one says that it begins afresh."""
+        for swap in due:
+            if swap.learner is not None or swap.policy is not None or "agent" in swap.fresh:
+                learner = self._learner_after(self.timeline.made + 1)
+                if "agent" in swap.fresh:
+                    self._forgotten = self.version
+                else:
+                    learner.restore(self.learner.snapshot())
+                self.learner = learner
+            self.timeline.made += 1
+
+    def _learner_after(self, swaps: int) -> Learner:
+        """Return the learner after so many swaps, as it is before it learns. Raises ValueError."""
+        learner = learner_of(self.timeline.definition_after(swaps), self._seed)
+        learner.episodes_before = self.learner.episodes_before
+        return learner
 
     def _again(self, state: State) -> Action:
         known = self._answers.get(state.decision)

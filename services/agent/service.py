@@ -19,7 +19,7 @@ CLASSIFIER_WITHIN_S = 1.0
 
 def blank(experiment: Experiment) -> AgentFold:
     """Return the memory of an agent that has decided nothing."""
-    return AgentFold(experiment.definition, experiment.run, experiment.seed)
+    return AgentFold(experiment.definition, experiment.run, experiment.seed, experiment.swaps)
 
 
 def serve(options: Options) -> None:
@@ -95,7 +95,7 @@ def q_table(worker: Worker[AgentFold]) -> QTable:
     return QTable(
         run=fold.run,
         decisions=fold.decisions,
-        policy_version=learner.version,
+        policy_version=fold.version,
         actions=action_names(worker.experiment.definition.moves),
         q=tuple(tuple(row) for row in learner.q.tolist()),
         visits=tuple(tuple(row) for row in learner.visits.tolist()),
@@ -115,7 +115,7 @@ def policy(worker: Worker[AgentFold], state: int | None, match: float | None) ->
     values = learner.values(row)
     return PolicyAnswer(
         run=fold.run,
-        policy_version=learner.version,
+        policy_version=fold.version,
         state=state,
         match=match,
         known=known,

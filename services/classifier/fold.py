@@ -1,19 +1,20 @@
 """The classifier as a pure fold: its memory after decision n is a function of what the run began with and 0..n alone.
 
-It begins with the definition and perhaps a skill; observations follow.
+It begins with the definition and perhaps a skill; observations follow. Swaps take effect at their episodes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from services.classifier.art2 import Art2
 from services.wire import plugins
 from services.wire.definition import Art2Settings, ClassifierSettings, Definition
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
-from services.wire.messages import JournalEpisode, Observation, Skill, State
-from services.wire.place import split_place, with_place
+from services.wire.messages import JournalEpisode, Observation, Skill, State, Swap
+from services.wire.place import Place, split_place, with_place
 from services.wire.plugins import Classifier, ClassifierFullError
+from services.wire.timeline import Timeline
 
 
 def classifier_of(settings: ClassifierSettings) -> Classifier:
@@ -24,8 +25,9 @@ def classifier_of(settings: ClassifierSettings) -> Classifier:
 class ClassifierFold:
     """A classifier with a place in the run: what was seen before is answered again and not learnt twice."""
 
-    def __init__(self, definition: Definition, run: str) -> None:
+    def __init__(self, definition: Definition, run: str, swaps: Sequence[Swap] = ()) -> None:
         self.network = classifier_of(definition.classifier)
+        self.timeline = Timeline(definition, swaps)
         self.run = run
         self.decisions = 0
         """Observations folded so far: the decision number that comes next."""
@@ -47,6 +49,7 @@ class ClassifierFold:
             raise GapError(f"observation: expected decision {self.decisions}, got {observation.decision}")
         if observation.episode < self.episode:
             raise DivergedError(f"observation: expected episode {self.episode} or later, got {observation.episode}")
+        self._swap(self.timeline.due(observation))
         try:
             found = self.network.learn(observation.force_n, observation.torque_nm)
         except (ValueError, ClassifierFullError) as error:
@@ -62,6 +65,7 @@ class ClassifierFold:
             state=found.state,
             states=found.states,
             match=found.match,
+            swaps=observation.swaps,
         )
         self._answers[observation.decision] = (observation, state)
         self.decisions += 1
@@ -81,6 +85,7 @@ class ClassifierFold:
                     decision=decision,
                     force_n=step.force_n,
                     torque_nm=step.torque_nm,
+                    swaps=journal.swaps,
                 )
             )
             if step.state is not None and step.state != state.state:
@@ -96,14 +101,28 @@ class ClassifierFold:
 
     def snapshot(self) -> dict[str, bytes | int]:
         """Return the memory, to be taken between episodes."""
-        return with_place(self.learnt(), self.decisions, self.episode)
+        return with_place(self.learnt(), Place(self.decisions, self.episode, self.timeline.made))
 
     def restore(self, snapshot: Mapping[str, bytes | int]) -> None:
         """Take over a memory. Raises ValueError, with nothing changed, when it does not fit."""
-        memory, decisions, episode = split_place(snapshot, "classifier")
-        self.network.restore(memory)
-        self.decisions, self.episode = decisions, episode
+        memory, place = split_place(snapshot, "classifier")
+        network = classifier_of(self.timeline.definition_after(place.swaps).classifier)
+        network.restore(memory)
+        self.network = network
+        self.timeline.made = place.swaps
+        self.decisions, self.episode = place.decisions, place.episode
         self._answers.clear()
+
+    def _swap(self, due: Sequence[Swap]) -> None:
+        """Make swaps: another classifier knows no states yet."""
+        for swap in due:
+            if "classifier" in swap.fresh:
+                settings = self.timeline.definition_after(self.timeline.made + 1).classifier
+                try:
+                    self.network = classifier_of(settings)
+                except ValueError as error:
+                    raise UnusableError(f"swap: classifier: {error}") from error
+            self.timeline.made += 1
 
     def _again(self, observation: Observation) -> State:
         known = self._answers.get(observation.decision)

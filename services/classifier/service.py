@@ -13,7 +13,7 @@ from services.wire.worker import Worker
 
 def blank(experiment: Experiment) -> ClassifierFold:
     """Return the memory of a classifier that has seen nothing."""
-    return ClassifierFold(experiment.definition, experiment.run)
+    return ClassifierFold(experiment.definition, experiment.run, experiment.swaps)
 
 
 def serve(options: Options) -> None:

@@ -15,6 +15,7 @@ from services.cli.terminal import console
 from services.wire import skill as skill_file
 from services.wire.errors import CellError
 from services.wire.skill import NamedSkill
+from services.wire.swaps import in_force, kind_of, words
 
 Row = dict[str, str | int | bool | None]
 
@@ -171,10 +172,14 @@ def _described(skill: NamedSkill) -> Row:
     learnt = skill.skill
     # By name, as all commands load this module and the workers' folds are slow to load.
     digests = import_module("experiments.skills").digests(learnt)
+    kinds = in_force(learnt.definition, learnt.swaps)
     return {
         **_named(skill),
         "experiment": learnt.definition.name,
         "definition": learnt.definition_sha256,
+        "classifier": kind_of(kinds.classifier),
+        "learner": kind_of(kinds.learner),
+        "swaps": "; ".join(words(swap) for swap in learnt.swaps) or "none",
         "seed": learnt.seed,
         "q_table": digests["q_table"],
         "art2": digests["art2"],

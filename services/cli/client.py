@@ -12,7 +12,8 @@ import zenoh
 from zenoh.handlers import Callback
 
 from services.wire import command
-from services.wire.codec import decode, decode_json, encoding_of
+from services.wire.answers import answer_in
+from services.wire.codec import decode, decode_json, encode, encoding_of
 from services.wire.errors import ContractError, NoAnswerError, RefusedError, WrongVersionError
 from services.wire.keys import ROOT, Keys
 from services.wire.messages import Message, Refusal
@@ -62,6 +63,24 @@ class Client:
                 else NoAnswerError(f"{self.keys.of(name)}: expected one answer, got {len(found)}")
             )
         return found[0]
+
+    def request(self, name: str, request: Message, kind: type[M], timeout_s: float) -> M:
+        """Return the answer to a query with a request in it. Raises NoAnswerError, RefusedError or ContractError.
+
+        A RefusedError has the reason of the Refusal.
+        """
+        replies = self.session.get(
+            self.keys.of(name), timeout=timeout_s, payload=encode(request), encoding=encoding_of(type(request))
+        )
+        for reply in replies:
+            answer = answer_in(reply, kind)
+            if isinstance(answer, Refusal):
+                refused = RefusedError(f"{self.keys.of(name)}: refused ({answer.reason}): {answer.message}")
+                refused.reason = answer.reason
+                raise refused
+            if answer is not None:
+                return answer
+        raise self.no_answer(name)
 
     def ask_all(self, name: str, kind: type[M], timeout_s: float = 2.0) -> list[M]:
         """Return all good answers to a query, in the order of their keys. Raises RefusedError or ContractError."""

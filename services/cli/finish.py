@@ -18,7 +18,7 @@ from services.wire.definition import Definition
 from services.wire.definition_file import definition_sha256
 from services.wire.errors import CellError, ContractError
 from services.wire.keys import CLASSIFIER_STATES, Q_TABLE
-from services.wire.messages import ClassifierStates, EpisodeSummary, JournalEpisode, QTable
+from services.wire.messages import ClassifierStates, EpisodeSummary, JournalEpisode, QTable, Swap
 
 T = TypeVar("T")
 
@@ -35,6 +35,8 @@ class EndedRun(NamedTuple):
     episodes: int
     first_version: int
     """Learning updates in the skill that it began with."""
+    swaps: tuple[Swap, ...] = ()
+    """What was swapped in the course of it."""
 
 
 def finish(client: Client, ended: EndedRun, out: Path, mind: Callable[[], None], say: Callable[[str], None]) -> None:
@@ -43,7 +45,8 @@ def finish(client: Client, ended: EndedRun, out: Path, mind: Callable[[], None],
     Raises CellError when the store's journal or the workers' memory does not become complete.
     """
     definition, result = ended.definition, result_of(client, ended, mind)
-    results = summary(definition, definition_sha256(definition), [result])
+    swaps = [swap for swap in ended.swaps if swap.episode < ended.episodes]
+    results = summary(definition, definition_sha256(definition), [result], swaps)
     write(out, definition, results, [result], figures(definition.name, {result.seed: result.episodes}))
     _print(results["runs"][0], definition.name)
     say(f"results in {out}: summary.json, episodes.csv, return.png, force.png, torque.png, failures.png")

@@ -7,6 +7,7 @@ import socket
 from dataclasses import dataclass
 from pathlib import Path
 
+from services.cli import hil
 from services.wire import plugins, ports
 from services.wire import skill as skill_file
 from services.wire.access import OPERATOR, ROUTER
@@ -15,11 +16,10 @@ from services.wire.definition_file import check_run, definition_sha256, load, ru
 from services.wire.errors import CellError
 from services.wire.keys import Keys
 from services.wire.skill import NamedSkill
+from services.wire.swaps import SPEC, SPEC_HELP, digest, planned
 from services.wire.tls import identity
 
-PROFILES = ("sim",)
-
-
+PROFILES = ("sim", "hil")
 DEFAULT_WEB_PORT = 9090
 
 
@@ -55,6 +55,8 @@ class Plan:
     """What to bring up, checked before anything starts."""
 
     arguments: argparse.Namespace
+    overrides: tuple[str, ...]
+    """Of the definition's file."""
     definition: Definition
     skill: NamedSkill | None
     run: str
@@ -66,13 +68,18 @@ class Plan:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``treenail up``."""
-    parser.add_argument("profile", choices=PROFILES, help="sim: the simulator in place of robot and sensor")
+    parser.add_argument(
+        "profile", choices=PROFILES, help="sim: the simulator in place of robot and sensor; hil: emulated hardware"
+    )
     parser.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file of the definition")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
     parser.add_argument("--episodes", type=int, help="length of the run (default: the definition's)")
     parser.add_argument("--seed", type=int, default=0, help="seed of the run, from 0 (default: 0)")
     parser.add_argument("--skill", type=Path, metavar="FILE", help="begin with what `treenail checkpoint export` wrote")
-    parser.add_argument("--out", type=Path, help="run directory (default: runs/<experiment>-<hash>-s<seed>[-k<skill>])")
+    parser.add_argument("--swap", action="append", default=[], metavar=SPEC, help=SPEC_HELP)
+    parser.add_argument(
+        "--out", type=Path, help="run directory (default: runs/<experiment>-<hash>-s<seed>[-k<skill>][-w<swaps>])"
+    )
     parser.add_argument("--fresh", action="store_true", help="forget what the run directory knows of earlier runs")
     parser.add_argument("--cell", default="a", help="name of the cell (default: a)")
     parser.add_argument(
@@ -89,11 +96,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-web", action="store_true", help="serve no page for browsers")
     parser.add_argument("--no-viewer", action="store_true", help="run without the viewer service")
     parser.add_argument("--save", type=Path, metavar="FILE.rrd", help="let the viewer service record as well")
+    hil.add_arguments(parser)
 
 
 def plan_of(arguments: argparse.Namespace) -> Plan:
     """Return what parsed arguments ask for, checked. Raises TreenailError."""
-    definition = load(arguments.experiment, arguments.set)
+    hil.check(arguments)
+    overrides = tuple(arguments.set)
+    definition = load(arguments.experiment, overrides)
+    if arguments.profile == "hil":
+        overrides += tuple(hil.overrides(definition))
+        definition = load(arguments.experiment, overrides)
     plugins.check(definition)
     episodes = definition.episodes if arguments.episodes is None else arguments.episodes
     check_run(arguments.seed, episodes)
@@ -108,12 +121,14 @@ def plan_of(arguments: argparse.Namespace) -> Plan:
         skill_file.fits(skill.skill, definition)
         from_skill = f"-k{skill.sha256[:8]}"
     run = run_id(definition, arguments.seed, None if skill is None else skill.sha256)
-    folder = f"{definition.name}-{definition_sha256(definition)[:8]}-s{arguments.seed}{from_skill}"
+    swaps = planned(run, definition, arguments.swap, episodes)
+    from_swaps = f"-w{digest(swaps)[:8]}" if swaps else ""
+    folder = f"{definition.name}-{definition_sha256(definition)[:8]}-s{arguments.seed}{from_skill}{from_swaps}"
     out = arguments.out or Path("runs") / folder
     port = _free_port("127.0.0.1", arguments.port, "--port")
     endpoint = f"tcp/127.0.0.1:{port}" if arguments.certs is None else f"tls/127.0.0.1:{port}"
     viewer = None if arguments.no_viewer else _viewer(arguments)
-    return Plan(arguments, definition, skill, run, episodes, out, endpoint, viewer)
+    return Plan(arguments, overrides, definition, skill, run, episodes, out, endpoint, viewer)
 
 
 def _viewer(arguments: argparse.Namespace) -> Viewer:

@@ -19,6 +19,7 @@ from services.wire.errors import ContractError, TreenailError
 from services.wire.keys import EXPERIMENT
 from services.wire.messages import Alive, Experiment
 from services.wire.service import HEARTBEAT_S
+from services.wire.swaps import words
 from services.wire.text import one_line
 
 LOOK_S = 1.2 * HEARTBEAT_S
@@ -48,11 +49,14 @@ def act(arguments: argparse.Namespace) -> None:
             "seed": None if experiment is None else experiment.seed,
             "episodes": None if experiment is None else experiment.episodes,
             "episodes_done": None if experiment is None else experiment.episodes_done,
+            "swaps": [] if experiment is None else [words(swap) for swap in experiment.swaps],
             "services": rows,
         }
         print(json.dumps(found))
         return
     console().print(_table(title(seen), rows))
+    for swap in seen.experiment.swaps if seen.experiment is not None else ():
+        print(f"swap {words(swap)}")
     if strangers := [str(one["service"]) for one in rows if one["contract_matches"] is False]:
         names = one_line(", ".join(strangers))
         print(f"another contract than this command's ({ours[:12]}): {names}; update them together, they cannot talk")

@@ -12,8 +12,8 @@ from services.cli.client import Client
 from services.wire import skill as skills_on_wire
 from services.wire.codec import contract_sha256
 from services.wire.errors import CellError, ContractError, NoAnswerError, RefusedError
-from services.wire.keys import EXPERIMENT, JOURNAL_BLOCK, LATEST, SKILL
-from services.wire.messages import Checkpoint, Experiment, JournalEpisode, RunRecord
+from services.wire.keys import EXPERIMENT, JOURNAL_BLOCK, LATEST, SKILL, SWAPS
+from services.wire.messages import Checkpoint, Experiment, JournalEpisode, RunRecord, Swaps
 from services.wire.skill import NamedSkill
 
 WITHIN_S = 30.0
@@ -130,8 +130,12 @@ def learnt(client: Client, run: StoredRun, episode: int | None = None) -> NamedS
                 starts[service] = stored.checkpoint
     first = min((starts[service].episode if service in starts else 0 for service in WORKERS), default=0)
     journal = list(_episodes(client, record.run, first, until))
+    # After the episodes, so that none has a swap that is not among them.
+    found = [client.message(sample, Swaps).swaps for sample in _samples(client, f"journal/{record.run}/{SWAPS}")]
+    swaps = found[0] if found else ()
     # By name: whoever loads this module, as each command does, shall not load the workers' folds with it.
-    after: NamedSkill = import_module("experiments.skills").skill_after(record, until, starts, journal, began_with)
+    skill_after = import_module("experiments.skills").skill_after
+    after: NamedSkill = skill_after(record, until, starts, journal, began_with, swaps)
     return after
 
 

@@ -102,6 +102,7 @@ def figures(traffic: Traffic, cell: str, present: list[str], now_s: float) -> di
     return {
         "cell": cell,
         "run": traffic.pace.run,
+        "swaps": traffic.pace.swaps,
         "complete": traffic.complete,
         "moves_per_s": round(traffic.moves_per_s(now_s), 1),
         "episodes_per_min": round(traffic.episodes_per_min(now_s), 1),
@@ -128,9 +129,10 @@ def view(traffic: Traffic, cell: str, present: list[str], now_s: float) -> Group
     run = found["run"] or "nothing runs"
     gain = "" if not isinstance(mean, float) else f", return of the last {len(traffic.pace.returns)} {mean:.1f}"
     pace = f"{found['moves_per_s']} moves/s, {found['episodes_per_min']} episodes/min{gain}"
+    swapped = f", swaps in force: {found['swaps']}" if found["swaps"] else ""
     lost = [] if traffic.complete else [Text("more passed than could be read: rates are too low", style="red")]
     tables = (_keys(traffic, now_s), _latencies(traffic), _services(traffic, present, now_s))
-    return Group(Text(f"Cell {cell}: {run}, {pace}"), *lost, *tables)
+    return Group(Text(f"Cell {cell}: {run}, {pace}{swapped}"), *lost, *tables)
 
 
 def _live(watch: Watch, live: Live) -> None:

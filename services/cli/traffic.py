@@ -92,12 +92,15 @@ class Pace:
     episodes: int = 0
     returns: deque[float] = field(default_factory=lambda: deque(maxlen=WINDOW))
     run: str | None = None
+    swaps: int = 0
+    """Swaps in force, as the newest observation says."""
     _at: tuple[int, int] | None = None
     """Episode under way and the motions made in it; None before anything was seen of the run."""
 
-    def observe(self, run: str, episode: int, step: int) -> None:
+    def observe(self, run: str, episode: int, step: int, swaps: int = 0) -> None:
         """Count the motions up to an observation."""
         self._follow(run)
+        self.swaps = swaps
         if self._at is not None and (episode, step) >= self._at:
             self.moves += step - (self._at[1] if episode == self._at[0] else 0)
         if self._at is None or (episode, step) >= self._at:
@@ -199,7 +202,7 @@ class Traffic:
         elif name in _LOOP:
             found = _decoded(_LOOP[name], message)
             if name == OBSERVATION:
-                self.pace.observe(found.run, found.episode, found.step)
+                self.pace.observe(found.run, found.episode, found.step, found.swaps)
             if message.sent_ns is not None:
                 self.latencies.note(name, found.run, found.decision, message.sent_ns)
 

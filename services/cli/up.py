@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 
 from experiments.result_files import prepare
+from services.cli import hil
 from services.cli import plan as plans
 from services.cli.client import Client
 from services.cli.finish import EndedRun, finish
@@ -21,9 +22,10 @@ from services.wire.access import OPERATOR
 from services.wire.definition_file import definition_sha256, find
 from services.wire.errors import CellError, ContractError, NoAnswerError, RefusedError
 from services.wire.keys import EPISODE, EXPERIMENT
-from services.wire.messages import EpisodeSummary, Experiment
+from services.wire.messages import EpisodeSummary, Experiment, Swap
 from services.wire.progress import Progress
 from services.wire.service import Options
+from services.wire.swaps import words
 
 EXIT_INTERRUPTED = 130
 POLL_S = 0.5
@@ -85,16 +87,21 @@ def start_services(plan: Plan, supervisor: Supervisor, mind: Callable[[], None])
     arguments = plan.arguments
     cell = ("--cell", arguments.cell, "--connect", plan.endpoint)
     experiment = find(arguments.experiment)
-    overrides = [word for item in arguments.set for word in ("--set", item)]
+    overrides = [word for item in plan.overrides for word in ("--set", item)]
     length = ("--seed", str(arguments.seed), "--episodes", str(plan.episodes))
     supervisor.start("router", "--listen", plan.endpoint)
     supervisor.start("store", *cell, "--file", str(plan.out / "store.sqlite"))
     if plan.skill is not None:
         with _client(plan, mind) as client:
             give(client, plan.skill, mind, STORE_WITHIN_S)
-    supervisor.start("task", *cell, "--experiment", str(experiment.resolve()), *overrides, *length)
-    for name in ("sim", "classifier", "agent"):
+    planned = [word for item in arguments.swap for word in ("--swap", item)]
+    supervisor.start("task", *cell, "--experiment", str(experiment.resolve()), *overrides, *length, *planned)
+    for name in ("classifier", "agent"):
         supervisor.start(name, *cell)
+    if arguments.profile == "hil":
+        hil.start(supervisor, arguments, plan.endpoint, plan.definition.sensor)
+    else:
+        supervisor.start("sim", *cell)
     if plan.viewer is not None:
         save = () if arguments.save is None else ("--save", str(arguments.save))
         supervisor.start("viewer", *cell, *plan.viewer.options, *save)
@@ -102,6 +109,8 @@ def start_services(plan: Plan, supervisor: Supervisor, mind: Callable[[], None])
 
 def _run(plan: Plan, supervisor: Supervisor, reporter: Reporter, progress: Progress, mind: Callable[[], None]) -> None:
     reporter.say(f"run {plan.run} in {plan.out}; logs in {plan.out / 'logs'}")
+    if added := plan.overrides[len(plan.arguments.set) :]:
+        reporter.say(f"the sensor is read in counts, as a receiver card gives them: --set {' --set '.join(added)}")
     if plan.viewer is not None:
         reporter.say(f"watch it live: rerun {plan.viewer.url}")
     if plan.viewer is not None and plan.viewer.page is not None:
@@ -111,6 +120,7 @@ def _run(plan: Plan, supervisor: Supervisor, reporter: Reporter, progress: Progr
         arrived: queue.SimpleQueue[EpisodeSummary] = queue.SimpleQueue()
         client.subscribe(EPISODE, EpisodeSummary, arrived.put)
         phase, run, first_version = "starting", plan.run, 0
+        swaps: tuple[Swap, ...] = ()
         next_poll = 0.0
         while phase != "finished":
             mind()
@@ -120,17 +130,20 @@ def _run(plan: Plan, supervisor: Supervisor, reporter: Reporter, progress: Progr
                 experiment = _experiment(client)
                 if experiment is not None:
                     if experiment.run != run:
-                        run = experiment.run
+                        run, swaps = experiment.run, ()
                         progress.done = 0
                         progress.recent.clear()
                         reporter.say(f"run {run}: {_beginning(experiment)}")
+                    for swap in experiment.swaps[len(swaps) :]:
+                        reporter.say(f"swap {words(swap)}")
                     phase, first_version = experiment.phase, experiment.first_policy_version
+                    swaps = experiment.swaps
                     progress.done = max(progress.done, experiment.episodes_done)
                     progress.episodes = max(plan.episodes, experiment.episodes_done)
             reporter.show(supervisor.alive(), phase)
         _drain(arrived, progress, run)
         reporter.show(supervisor.alive(), phase, now=True)
-        ended = EndedRun(run, plan.definition, plan.arguments.seed, progress.done, first_version)
+        ended = EndedRun(run, plan.definition, plan.arguments.seed, progress.done, first_version, swaps)
         finish(client, ended, plan.out, mind, reporter.say)
 
 

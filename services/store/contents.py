@@ -6,8 +6,8 @@ import re
 
 from services.wire.codec import decode
 from services.wire.errors import BadPayloadError
-from services.wire.keys import LATEST, SKILL
-from services.wire.messages import Checkpoint, JournalEpisode, RunRecord
+from services.wire.keys import LATEST, SKILL, SWAPS
+from services.wire.messages import Checkpoint, JournalEpisode, RunRecord, Swaps
 from services.wire.skill import decode as decode_skill
 from services.wire.text import one_line
 
@@ -15,6 +15,7 @@ _CHECKPOINT = re.compile(r"checkpoint/([^/]+)/([^/]+)/([0-9]{8}|latest)")
 _EPISODE = re.compile(r"journal/([^/]+)/(?:[0-9]{6}/([0-9]{8})|latest)")
 _SKILL = re.compile(rf"{SKILL}/([^/]+)")
 _RUN = re.compile(r"journal/([^/]+)/run")
+_SWAPS = re.compile(rf"journal/([^/]+)/{SWAPS}")
 
 
 def check(name: str, payload: bytes, encoding: str) -> None:
@@ -35,6 +36,8 @@ def check(name: str, payload: bytes, encoding: str) -> None:
             raise BadPayloadError(f"{one_line(name)}: expected a finished episode, got one under way")
     elif found := _RUN.fullmatch(name):
         _same(name, found[1], decode(RunRecord, payload, encoding).run)
+    elif found := _SWAPS.fullmatch(name):
+        _same(name, found[1], decode(Swaps, payload, encoding).run)
     elif found := _SKILL.fullmatch(name):
         _same(name, found[1], decode_skill(payload, encoding).sha256)
 

@@ -5,7 +5,7 @@ needed. Keys (others than these are never touched):
 
     treenail/<cell>/checkpoint/<run>/<service>/<E, 8 digits>      and .../latest
     treenail/<cell>/journal/<run>/<block, 6 digits>/<episode, 8 digits>
-    treenail/<cell>/journal/<run>/run                             and .../latest
+    treenail/<cell>/journal/<run>/run                             and .../all-swaps, .../latest
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 _RUN_KEY = re.compile(
     r"treenail/(?P<cell>[^/]+)/"
     r"(?:checkpoint/(?P<run>[^/]+)/(?P<service>[^/]+)/(?:(?P<checkpoint>[0-9]{8})|latest)"
-    r"|journal/(?P<journal_run>[^/]+)/(?:[0-9]{6}/(?P<episode>[0-9]{8})|run|latest))"
+    r"|journal/(?P<journal_run>[^/]+)/(?:[0-9]{6}/(?P<episode>[0-9]{8})|run|swaps|latest))"
 )
 
 
@@ -53,7 +53,8 @@ def removable(stored: Iterable[tuple[str, str]], settings: RetentionSettings) ->
     """Return the keys to remove, sorted, out of pairs of key and timestamp (text that sorts as time does).
 
     Of each cell the runs whose newest key is oldest go entirely; of the other runs only surplus numbered checkpoints
-    (lowest numbers first) and surplus journal episodes (oldest first). ``run`` and ``latest`` of a kept run stay.
+    (lowest numbers first) and surplus journal episodes (oldest first). ``run``, ``swaps`` and ``latest`` of a kept run
+    stay.
     """
     cells: dict[str, dict[str, _Run]] = {}
     for key, timestamp in stored:

@@ -7,6 +7,7 @@ import sys
 from services.task.service import serve
 from services.wire import command
 from services.wire.definition_file import check_run, load
+from services.wire.swaps import SPEC, SPEC_HELP, planned
 
 
 def main() -> None:
@@ -14,13 +15,15 @@ def main() -> None:
     parser = command.parser("task", __doc__)
     parser.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file of the definition")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
+    parser.add_argument("--swap", action="append", default=[], metavar=SPEC, help=SPEC_HELP)
     parser.add_argument("--seed", type=int, default=0, help="seed of the run, from 0 (default: 0)")
     parser.add_argument("--episodes", type=int, help="length of the run (default: the definition's)")
     arguments = parser.parse_args()
     definition = load(arguments.experiment, arguments.set)
     episodes = definition.episodes if arguments.episodes is None else arguments.episodes
     check_run(arguments.seed, episodes)
-    serve(command.options(arguments), definition, arguments.seed, episodes)
+    planned("", definition, arguments.swap, episodes)
+    serve(command.options(arguments), definition, arguments.seed, episodes, arguments.swap)
 
 
 if __name__ == "__main__":

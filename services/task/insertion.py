@@ -7,6 +7,7 @@ wrist feels and which increments were applied: never the pose of the peg.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -28,9 +29,11 @@ from services.wire.messages import (
     Observation,
     Outcome,
     Reward,
+    Swap,
     Torque,
 )
 from services.wire.randomness import Role, generator
+from services.wire.swaps import fresh_at, known_in
 
 
 class Felt(NamedTuple):
@@ -56,6 +59,8 @@ class _Episode:
     depth_mm: float
     """Applied +Z less the height of the start: how far the tip is below the mouth, were nothing to give way."""
     states: int
+    swaps: int = 0
+    """Swaps in force."""
     moves: int = 0
     moves_without_progress: int = 0
     force_n: float = 0.0
@@ -85,9 +90,14 @@ class Insertion:
         self._success_mm = definition.limits.success_fraction * definition.parts.peg_height_mm
         self._now = self._blank(0, 0)
 
-    def home(self, episode: int, first_decision: int) -> Home:
-        """Begin an episode: return where to put the peg. ``first_decision`` counts the run's decisions before it."""
-        self._now = self._blank(episode, first_decision)
+    def home(self, episode: int, first_decision: int, swaps: Sequence[Swap] = ()) -> Home:
+        """Begin an episode: return where to put the peg.
+
+        ``first_decision`` counts the run's decisions before it; ``swaps`` are the run's, as far as they are known.
+        """
+        if fresh_at(swaps, episode, "classifier"):
+            self._known_states = 0
+        self._now = self._blank(episode, first_decision, known_in(swaps, episode))
         start = self._definition.start
         low, high = -1.0, 1.0
         spread = generator(self._seed, Role.START_POSE, episode, 0).uniform(low, high, size=5).tolist()
@@ -148,6 +158,7 @@ class Insertion:
             first_decision=self._now.first_decision,
             steps=tuple(self._now.steps),
             summary=self._now.summary,
+            swaps=self._now.swaps,
         )
 
     def expect_states(self, states: int) -> None:
@@ -162,14 +173,15 @@ class Insertion:
             decision=self._now.first_decision + len(self._now.steps),
             force_n=force_n,
             torque_nm=torque_nm,
+            swaps=self._now.swaps,
         )
         self._now.steps.append(JournalStep(step=self._now.moves, force_n=force_n, torque_nm=torque_nm))
         self._now.observation = observation
         return observation
 
-    def _blank(self, episode: int, first_decision: int) -> _Episode:
+    def _blank(self, episode: int, first_decision: int, swaps: int = 0) -> _Episode:
         depth_mm = -self._definition.start.height_mm
-        return _Episode(episode, first_decision, depth_mm, self._known_states)
+        return _Episode(episode, first_decision, depth_mm, self._known_states, swaps)
 
     def _move(self, increment: Increment) -> Move:
         self._now.moves += 1
@@ -216,6 +228,7 @@ class Insertion:
             decision=done.decision,
             reward=reward,
             terminal=terminal,
+            swaps=self._now.swaps,
         )
 
     def _finish(self, outcome: Outcome) -> EpisodeSummary:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from services.wire.codec import decode
 from services.wire.errors import CellError, ContractError
 from services.wire.keys import LATEST
-from services.wire.messages import JournalEpisode, Message, RunRecord
+from services.wire.messages import JournalEpisode, Message, RunRecord, Swap, Swaps
 from services.wire.service import Service
 
 RETRY_S = 0.5
@@ -41,6 +41,14 @@ def read(service: Service, name: str, kind: type[M]) -> M | None:
     return found[0] if found else None
 
 
+class Found(NamedTuple):
+    """Where a run stands in the store."""
+
+    newest: JournalEpisode | None = None
+    """Its newest episode; None for a new run."""
+    swaps: tuple[Swap, ...] = ()
+
+
 class Journal:
     """What the store knows of one run."""
 
@@ -48,22 +56,22 @@ class Journal:
         self._service = service
         self._record = record
 
-    def resume(self) -> tuple[JournalEpisode | None, bool]:
-        """Make the store know the run; return its newest episode (None for a new run) and whether to go on.
+    def resume(self) -> tuple[Found, bool]:
+        """Make the store know the run; return where the run stands in it, and whether to go on.
 
         Waits for the store as long as it takes. Raises CellError when the store knows the run under another contract.
         """
         service, run = self._service, self._record.run
         if not self.make_known():
-            return None, False
-        entries = service.wait_for("store (no memory of this run)", self._newest)
-        if entries is None:
-            return None, False
-        newest = entries[0] if entries else None
+            return Found(), False
+        found = service.wait_for("store (no memory of this run)", self._found)
+        if found is None:
+            return Found(), False
+        newest = found.newest
         following = 0 if newest is None else newest.episode + 1
         # The entry itself is put before "latest": a task that died in between left it there.
         key = service.keys.journal(run, following).removeprefix(service.keys.of(""))
-        return read(service, key, JournalEpisode) or newest, True
+        return Found(read(service, key, JournalEpisode) or newest, found.swaps), True
 
     def make_known(self) -> bool:
         """Make the store know the run, waiting for it as long as it takes; False when stopped meanwhile.
@@ -90,16 +98,17 @@ class Journal:
         puts = ((keys.journal(run, entry.episode), entry), (keys.journal_latest(run), entry))
         return put_and_confirm(self._service, puts, f"journal/{run}/{LATEST}")
 
-    def _newest(self) -> list[JournalEpisode] | None:
-        """Return the newest episode if there is one, or None while the store does not know the run.
+    def _found(self) -> Found | None:
+        """Return the newest episode and the swaps, or None while the store does not know the run.
 
-        Both are asked for at once: a store that is just gone must not pass for one that has no episode yet.
+        All is asked for at once: a store that is just gone must not pass for one that has no episode yet.
         """
         service, run = self._service, self._record.run
         samples = {str(sample.key_expr): sample for sample in service.fetch_samples(f"journal/{run}/*")}
         if service.keys.run_record(run) not in samples:
             return None
-        sample = samples.get(service.keys.journal_latest(run))
-        if sample is None:
-            return []
-        return [decode(JournalEpisode, sample.payload.to_bytes(), str(sample.encoding))]
+        newest, swaps = samples.get(service.keys.journal_latest(run)), samples.get(service.keys.swaps(run))
+        return Found(
+            None if newest is None else decode(JournalEpisode, newest.payload.to_bytes(), str(newest.encoding)),
+            () if swaps is None else decode(Swaps, swaps.payload.to_bytes(), str(swaps.encoding)).swaps,
+        )

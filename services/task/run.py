@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from services.task.insertion import Insertion
 from services.task.journal import Journal, put_and_confirm, read
+from services.task.swaps import Swaps
 from services.wire.definition import Definition
 from services.wire.definition_file import definition_sha256, run_id
 from services.wire.keys import SKILL
-from services.wire.messages import Experiment, JournalEpisode, Reward, RunRecord, Skill
+from services.wire.messages import Experiment, Home, JournalEpisode, Reward, RunRecord, Skill
 from services.wire.service import Service
 from services.wire.skill import NamedSkill
 
@@ -31,7 +32,10 @@ class TaskRun:
         if skill is not None:
             self.insertion.expect_states(skill.states)
         self.journal = Journal(service, self.record)
+        self.swaps = Swaps(service, self.record)
         self.done = 0
+        self.begun = 1
+        """Episodes that may have begun, here or in an earlier process: no swap can be made in them any more."""
         self.decisions = 0
         self.first_version = self.version = 0 if skill is None else skill.version
         """Policy version that the run began with, and the last one seen."""
@@ -46,9 +50,12 @@ class TaskRun:
         """
         if not self._keep_skill():
             return False
-        newest, going_on = self.journal.resume()
+        found, going_on = self.journal.resume()
+        newest = found.newest
+        self.swaps.resume(found.swaps)
         if newest is not None and newest.summary is not None:
             self.done = newest.episode + 1
+            self.begun = self.done + 1
             self.decisions = newest.first_decision + len(newest.steps)
             self.insertion.expect_states(newest.summary.states)
             self.newest = newest
@@ -57,6 +64,17 @@ class TaskRun:
         elif going_on and self.skill is not None:
             self._service.log.info("run %s begins with skill %s", self.name, self.skill.sha256[:12])
         return going_on
+
+    def begin(self) -> Home | None:
+        """Begin the next episode: return where to put the peg, or None when stopped.
+
+        Waits until the store has the swaps that are made by then, as long as it takes.
+        """
+        self.begun = self.done + 1  # before waiting: what is asked for meanwhile is for the episode after it
+        if not self.swaps.settle():
+            return None
+        self.newest = None
+        return self.insertion.home(self.done, self.decisions, self.swaps.confirmed)
 
     def experiment(self, episodes: int) -> Experiment:
         """Return what runs, for ``episodes`` episodes, and how far it is."""
@@ -72,6 +90,7 @@ class TaskRun:
             episodes_done=self.done,
             decisions=self.decisions,
             phase=self._service.phase,
+            swaps=self.swaps.confirmed,
         )
 
     def _keep_skill(self) -> bool:
@@ -97,4 +116,5 @@ def _terminal_reward(entry: JournalEpisode) -> Reward | None:
         decision=entry.first_decision + len(entry.steps) - 1,
         reward=last.reward,
         terminal=entry.summary.outcome,
+        swaps=entry.swaps,
     )

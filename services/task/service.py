@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from functools import partial
 
 from services.task.robot import Robot
 from services.task.run import TaskRun
 from services.task.skills import Skills
+from services.wire.answers import Request
 from services.wire.definition import Definition
 from services.wire.errors import DivergedError, ForeignRunError, GapError
-from services.wire.keys import ACTION, EPISODE, EXPERIMENT, OBSERVATION, REWARD, TASK_STEPS
-from services.wire.messages import Action, Alive, EpisodeSummary, Home, Move, Observation, Reward
+from services.wire.keys import ACTION, EPISODE, EXPERIMENT, OBSERVATION, REWARD, SWAP, TASK_STEPS
+from services.wire.messages import Action, Alive, EpisodeSummary, Home, Move, Observation, Reward, Swapped, SwapRequest
 from services.wire.service import HEARTBEAT_S, Options, Service
+from services.wire.swaps import planned
 from services.wire.worker import NO_MEMORY
 
 WORKERS = ("classifier", "agent")
@@ -20,14 +23,15 @@ REPEAT_S = 1.0
 """An observation that nobody has acted on is published again after this; it is sooner when a worker comes alive."""
 
 
-def serve(options: Options, definition: Definition, seed: int, episodes: int) -> None:
+def serve(options: Options, definition: Definition, seed: int, episodes: int, swaps: Sequence[str] = ()) -> None:
     """Run ``episodes`` episodes of a definition with a seed, going on where the store's journal ends.
 
-    In a fleet, the first cell takes the seed, the second the next one, and so on.
+    ``swaps`` are those that the run has from its beginning, in the words of ``services.wire.swaps.spec``. In a fleet,
+    the first cell takes the seed, the second the next one, and so on.
     """
     with Service("task", options) as service:
         service.claim()
-        shell = TaskShell(service, definition, seed + service.place, episodes)
+        shell = TaskShell(service, definition, seed + service.place, episodes, swaps)
         if not shell.resume():
             return
         service.watch(shell.on_alive)
@@ -38,8 +42,11 @@ def serve(options: Options, definition: Definition, seed: int, episodes: int) ->
 class TaskShell:
     """The task: it works on the run that definition, seed and the skill in the store determine."""
 
-    def __init__(self, service: Service, definition: Definition, seed: int, episodes: int) -> None:
+    def __init__(
+        self, service: Service, definition: Definition, seed: int, episodes: int, swaps: Sequence[str] = ()
+    ) -> None:
         self._service = service
+        self._planned = swaps
         self._seed = seed
         self._episodes = episodes
         self._definition = definition
@@ -69,6 +76,7 @@ class TaskShell:
         if chosen is None or not self._take_up(TaskRun(self._service, self._definition, self._seed, chosen.skill)):
             return False
         self._service.answer(EXPERIMENT, lambda _: self._now.experiment(self._episodes))
+        self._service.answer(SWAP, self._on_swap)
         self._service.answer(TASK_STEPS, lambda _: self._now.newest or self._now.insertion.record())
         return True
 
@@ -90,6 +98,8 @@ class TaskShell:
         """Work on a run from where its journal ends; False when stopped meanwhile."""
         if not run.resume():
             return False
+        swaps = planned(run.name, self._definition, self._planned, self._episodes)
+        run.swaps.plan(swaps, run.begun)
         self._now, self._asked, self._action = run, None, None
         # What an earlier process of this run has seen counts as well.
         steps = () if run.newest is None else run.newest.steps
@@ -100,7 +110,8 @@ class TaskShell:
     def _advance(self) -> bool:
         """Run one episode and store it; False when stopped meanwhile."""
         now, service = self._now, self._service
-        summary = self._episode()
+        home = now.begin()
+        summary = None if home is None else self._episode(home)
         if summary is None or not now.journal.append(now.insertion.record()):
             return False
         now.done += 1
@@ -124,11 +135,10 @@ class TaskShell:
         if not alive:
             self._service.log.warning("%s is gone", name)
 
-    def _episode(self) -> EpisodeSummary | None:
-        """Run one episode; None when stopped before its end."""
+    def _episode(self, home: Home) -> EpisodeSummary | None:
+        """Run the episode that begins there; None when stopped before its end."""
         now, insertion = self._now, self._now.insertion
-        motion: Home | Move = insertion.home(now.done, now.decisions)
-        now.newest = None
+        motion: Home | Move = home
         while True:
             felt_after = self._robot.go(motion)
             if felt_after is None:
@@ -173,6 +183,10 @@ class TaskShell:
         words = [f"{name} (no checkpoint)" if name in blank else name for name in sorted(missing)]
         return " and ".join(words) or "classifier or agent (no action)"
 
+    def _on_swap(self, request: Request) -> Swapped:
+        now, asked = self._now, request.message(SwapRequest)
+        return now.swaps.ask(asked, now.begun, self._episodes)
+
     def _on_worker(self, name: str, worker: Alive) -> None:
         """Note whether a worker says that it has no memory to work with; what it says holds for three heartbeats."""
         blank = worker.phase.startswith(NO_MEMORY)
@@ -187,9 +201,9 @@ class TaskShell:
             return  # an answer given twice
         if action.decision > asked.decision:
             raise GapError(f"action: expected decision {asked.decision}, got {action.decision}")
-        if (action.episode, action.step) != (asked.episode, asked.step):
-            expected, got = f"{asked.episode}, {asked.step}", f"{action.episode}, {action.step}"
-            raise DivergedError(f"action: expected episode and step {expected}, got {got}")
+        if (action.episode, action.step, action.swaps) != (asked.episode, asked.step, asked.swaps):
+            expected, got = (f"{one.episode}, {one.step}, {one.swaps}" for one in (asked, action))
+            raise DivergedError(f"action: expected episode, step and swaps {expected}, got {got}")
         if action.action >= self._definition.moves.actions:
             raise DivergedError(f"action: expected one below {self._definition.moves.actions}, got {action.action}")
         highest = now.first_version + action.decision

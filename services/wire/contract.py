@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from services.wire.codec import contract_sha256, encoding_of
 from services.wire.keys import CONTRACT, JOURNAL_BLOCK, ROOT
-from services.wire.messages import MESSAGES, JournalStep, Message
+from services.wire.messages import MESSAGES, JournalStep, Message, Swap
 
 
 def page() -> str:
@@ -34,12 +34,12 @@ def _lines() -> Iterator[str]:
         yield f"| `{key}` | {how} | {route} | {types} | {what} |"
     yield ""
     yield "## Types"
-    kinds: tuple[type[Message] | type[JournalStep], ...] = (*MESSAGES, JournalStep)
+    kinds: tuple[type[Message] | type[JournalStep] | type[Swap], ...] = (*MESSAGES, JournalStep, Swap)
     for kind in kinds:
         yield from _type(kind)
 
 
-def _type(kind: type[Message] | type[JournalStep]) -> Iterator[str]:
+def _type(kind: type[Message] | type[JournalStep] | type[Swap]) -> Iterator[str]:
     version = getattr(kind, "VERSION", None)
     yield ""
     yield f"### {kind.__name__}" + ("" if version is None else f" (version {version})")

@@ -86,6 +86,15 @@ def parse(raw: bytes, source: str, overrides: Iterable[str] = ()) -> Definition:
     return check(fields, places, source)
 
 
+def changed(fields: dict[str, object], overrides: Iterable[str], source: str) -> Definition:
+    """Return the checked definition in ``fields`` after overrides such as ``learner.alpha=0.1``; they are changed.
+
+    ``source`` names it in errors. Raises DefinitionError.
+    """
+    places = {_apply(fields, override): _said(override) for override in overrides}
+    return check(fields, places, source)
+
+
 def check(fields: Mapping[str, object], places: Mapping[str, str], source: str) -> Definition:
     """Return the definition in ``fields``; ``places`` says where each dotted key stands, for the error."""
     try:

@@ -16,6 +16,7 @@
         +-- RoleTakenError     another process already has this role in this cell
         +-- NoAnswerError      nobody, or nobody able to, answered a query
         +-- RefusedError       a request is refused, for one of the reasons of a Refusal
+            +-- SwapError      a swap that cannot be made
 
 A command prints such an error as one line and exits with status 2.
 """
@@ -89,3 +90,11 @@ class RefusedError(CellError):
     """A request is refused; ``reason`` is the stable word for it in the Refusal that is sent back."""
 
     reason: Reason = "not_ready"
+
+
+class SwapError(RefusedError):
+    """A swap that cannot be made: unknown, changing nothing, at an episode that has begun, after the run's end."""
+
+    def __init__(self, message: str, reason: Reason = "bad_request") -> None:
+        super().__init__(message)
+        self.reason = reason

@@ -20,6 +20,8 @@ MOVE = "move"
 HOME = "home"
 EXPERIMENT = "experiment"
 TASK_STEPS = "task/steps"
+SWAP = "swap"
+SWAPS = "all-swaps"
 TRUTH = "sim/truth"
 Q_TABLE = "agent/q_table"
 POLICY = "agent/policy"
@@ -38,6 +40,13 @@ CONTRACT: tuple[tuple[str, str, str, str, str], ...] = (
     (MOVE, "query", "task -> robot_link or sim", "Move -> Moved", "one increment"),
     (HOME, "query", "task -> robot_link or sim", "Home -> Moved", "to the start pose of an episode"),
     (EXPERIMENT, "query", "anyone -> task", "Experiment", "what runs, and how far it is"),
+    (
+        SWAP,
+        "query",
+        "operator -> task",
+        "SwapRequest -> Swapped",
+        "another classifier, learner or policy from an episode on",
+    ),
     (TASK_STEPS, "query", "workers -> task", "JournalEpisode", "the decisions of the episode under way"),
     (Q_TABLE, "query", "anyone -> agent", "QTable", "all action values"),
     (POLICY, "query", "anyone -> agent", "PolicyAnswer", "`?state=7` or `?ft=fx,fy,fz,tx,ty,tz`: values, best action"),
@@ -46,6 +55,7 @@ CONTRACT: tuple[tuple[str, str, str, str, str], ...] = (
     (TRUTH, "pub", "sim -> viewer", "Truth", "the true pose, some 30 times a second; never seen by a learner"),
     ("journal/<run>/run", "put, query", "task <-> store", "RunRecord", "what the run is"),
     ("journal/<run>/<block>/<episode>", "put, query", "task <-> store", "JournalEpisode", "one episode"),
+    (f"journal/<run>/{SWAPS}", "put, query", "task <-> store", "Swaps", "what was swapped, and from which episode on"),
     ("journal/<run>/latest", "put, query", "task <-> store", "JournalEpisode", "the newest episode once more"),
     ("checkpoint/<run>/<service>/<episode>", "put, query", "workers <-> store", "Checkpoint", "memory before it"),
     ("checkpoint/<run>/<service>/latest", "put, query", "workers <-> store", "Checkpoint", "the newest once more"),
@@ -83,6 +93,10 @@ class Keys:
     def run_record(self, run: str) -> str:
         """Key of the RunRecord."""
         return self.of(f"journal/{run}/run")
+
+    def swaps(self, run: str) -> str:
+        """Key of the swaps of a run; there is none before the first."""
+        return self.of(f"journal/{run}/{SWAPS}")
 
     def journal(self, run: str, episode: int) -> str:
         """Key of one episode in the journal."""

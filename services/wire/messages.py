@@ -11,42 +11,42 @@ Every loop message carries ``run``, ``episode``, ``step`` (motions made in this 
 
 from __future__ import annotations
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 from msgspec import Meta, Struct
 
 from services.wire.definition import Definition
-
-Count = Annotated[int, Meta(ge=0, le=2**62)]
-RunId = Annotated[str, Meta(pattern=r"^[0-9a-z][0-9a-z-]{0,79}\Z")]
-Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
-ServiceName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]{0,31}\Z")]
-Newton = Annotated[float, Meta(ge=-1e5, le=1e5)]
-NewtonMetre = Annotated[float, Meta(ge=-1e5, le=1e5)]
-Force = tuple[Newton, Newton, Newton]
-Torque = tuple[NewtonMetre, NewtonMetre, NewtonMetre]
-Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
-Millimetre = Annotated[float, Meta(ge=-1e4, le=1e4)]
-Degree = Annotated[float, Meta(ge=-360, le=360)]
-Reason = Literal["bad_request", "foreign_run", "out_of_order", "guard", "not_ready"]
-Outcome = Literal["inserted", "collision", "no_progress", "move_limit"]
-
-
-class Message(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Base of all messages; ``VERSION`` goes up when a type changes."""
-
-    VERSION: ClassVar[int] = 1
-    LARGEST_BYTES: ClassVar[int] = 1 << 16
-    """A larger payload is refused unread: it cannot be honest, and reading it would cost its reader time and memory."""
+from services.wire.message_base import Count as Count
+from services.wire.message_base import Degree as Degree
+from services.wire.message_base import Force as Force
+from services.wire.message_base import Message as Message
+from services.wire.message_base import Millimetre as Millimetre
+from services.wire.message_base import Newton as Newton
+from services.wire.message_base import NewtonMetre as NewtonMetre
+from services.wire.message_base import Number as Number
+from services.wire.message_base import Outcome as Outcome
+from services.wire.message_base import Reason as Reason
+from services.wire.message_base import RunId as RunId
+from services.wire.message_base import ServiceName as ServiceName
+from services.wire.message_base import Sha256 as Sha256
+from services.wire.message_base import Torque as Torque
+from services.wire.swap_messages import Swap as Swap
+from services.wire.swap_messages import Swapped as Swapped
+from services.wire.swap_messages import SwapRequest as SwapRequest
+from services.wire.swap_messages import Swaps as Swaps
 
 
 class LoopMessage(Message, frozen=True, kw_only=True):
     """What every message of the loop carries."""
 
+    VERSION: ClassVar[int] = 2
+
     run: RunId
     episode: Count
     step: Count
     decision: Count
+    swaps: Count = 0
+    """Swaps in force in this episode: a worker that knows of fewer sees at once that it missed one."""
 
 
 class FtPacket(Message, frozen=True, kw_only=True):
@@ -154,7 +154,7 @@ class Action(LoopMessage, frozen=True, kw_only=True):
     state: Count
     action: Annotated[int, Meta(ge=0, le=63)]
     policy_version: Count
-    """Number of learning updates behind this decision."""
+    """Number of learning updates behind this decision, those that a swap has made worthless included."""
 
 
 class Reward(LoopMessage, frozen=True, kw_only=True):
@@ -184,7 +184,7 @@ class EpisodeSummary(Message, frozen=True, kw_only=True):
 class Experiment(Message, frozen=True, kw_only=True):
     """Reply to ``experiment``: what runs, and how far it is."""
 
-    VERSION: ClassVar[int] = 5
+    VERSION: ClassVar[int] = 6
     LARGEST_BYTES: ClassVar[int] = 1 << 20
 
     run: RunId
@@ -201,6 +201,8 @@ class Experiment(Message, frozen=True, kw_only=True):
     decisions: Count
     phase: Annotated[str, Meta(max_length=200)]
     """"running", "finished" or "waiting for ..."."""
+    swaps: Annotated[tuple[Swap, ...], Meta(max_length=64)] = ()
+    """Those in force and those set for episodes to come; the definition is the one that the run began with."""
 
 
 class QTable(Message, frozen=True, kw_only=True):
@@ -292,6 +294,7 @@ class JournalStep(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
 class JournalEpisode(Message, frozen=True, kw_only=True):
     """``journal/<run>/<block>/<episode>`` and ``task/steps``: all decisions of one episode, in order."""
 
+    VERSION: ClassVar[int] = 2
     LARGEST_BYTES: ClassVar[int] = 1 << 24
 
     run: RunId
@@ -300,6 +303,8 @@ class JournalEpisode(Message, frozen=True, kw_only=True):
     steps: tuple[JournalStep, ...]
     summary: EpisodeSummary | None
     """None while the episode is under way."""
+    swaps: Count = 0
+    """Swaps in force in this episode."""
 
 
 class Checkpoint(Message, frozen=True, kw_only=True):
@@ -321,7 +326,7 @@ class Skill(Message, frozen=True, kw_only=True):
     It is named by the SHA-256 of its encoded bytes.
     """
 
-    VERSION: ClassVar[int] = 4
+    VERSION: ClassVar[int] = 5
     LARGEST_BYTES: ClassVar[int] = 1 << 24
 
     run: RunId
@@ -339,6 +344,8 @@ class Skill(Message, frozen=True, kw_only=True):
     """Memory of the learner."""
     classifier: dict[str, bytes | int]
     """Memory of the classifier."""
+    swaps: Annotated[tuple[Swap, ...], Meta(max_length=64)] = ()
+    """Those that were in force when it was taken: with them the definition says what learnt it."""
 
 
 class Alive(Message, frozen=True, kw_only=True):
@@ -373,6 +380,9 @@ MESSAGES: tuple[type[Message], ...] = (
     Action,
     Reward,
     EpisodeSummary,
+    SwapRequest,
+    Swapped,
+    Swaps,
     Experiment,
     QTable,
     PolicyAnswer,

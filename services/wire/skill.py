@@ -20,10 +20,11 @@ from services.wire import codec
 from services.wire.actions import action_names, increments
 from services.wire.codec import contract_sha256
 from services.wire.definition import Art2Settings, Definition, Plugin
-from services.wire.definition_file import definition_sha256, run_id
+from services.wire.definition_file import contradiction, definition_sha256, run_id
 from services.wire.errors import BadPayloadError, ContractError, TreenailError
 from services.wire.messages import Skill
 from services.wire.skill_memory import check_agent, check_classifier, number
+from services.wire.swaps import in_force
 from services.wire.text import one_line
 
 _HEADER = re.compile(
@@ -73,7 +74,7 @@ def fits(skill: Skill, definition: Definition) -> None:
     It can when actions, their sizes and order, and whatever gives the classifier's prototypes their meaning are the
     same; parts, start pose, rewards, learner, policy, vigilance and seed may differ.
     """
-    learnt = skill.definition
+    learnt = in_force(skill.definition, skill.swaps)
     ours, theirs = ",".join(action_names(definition.moves)), ",".join(skill.actions)
     if ours != theirs:
         raise SkillError(f"skill: expected the actions {ours}, got {theirs}")
@@ -179,15 +180,18 @@ def _sound(payload: bytes, skill: Skill) -> NamedSkill:
     for name, expected, got in agree:
         if expected != got:
             raise BadPayloadError(f"skill: {name}: expected {expected} as its definition has, got {one_line(got, 80)}")
+    learnt = in_force(definition, skill.swaps)
+    if found := contradiction(learnt):
+        raise BadPayloadError(f"skill: swaps: {found[0]}: {found[1]}")
     # What a plug-in's memory has to look like, only the plug-in knows.
-    known = not isinstance(definition.learner, Plugin)
+    known = not isinstance(learnt.learner, Plugin)
     states = check_agent(skill.agent, len(skill.actions)) if known else number(skill.agent, "states")
-    if isinstance(definition.classifier, Plugin):
+    if isinstance(learnt.classifier, Plugin):
         classes = number(skill.classifier, "states")
     else:
-        classes = check_classifier(skill.classifier, definition.classifier)
+        classes = check_classifier(skill.classifier, learnt.classifier)
         try:
-            _check_capacity(definition.classifier, classes)
+            _check_capacity(learnt.classifier, classes)
         except SkillError as error:
             raise BadPayloadError(str(error)) from error
     if states > classes:

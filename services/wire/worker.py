@@ -17,6 +17,7 @@ from services.wire.messages import Alive, Checkpoint, Experiment, JournalEpisode
 from services.wire.service import Service
 from services.wire.skill import decode
 from services.wire.text import one_line
+from services.wire.timeline import Timeline
 
 CHECKPOINT_EVERY = 20
 """Episodes between checkpoints; what lies after the newest one is replayed from the journal."""
@@ -29,6 +30,7 @@ class Fold(Protocol):
     """What a worker needs of its memory."""
 
     decisions: int
+    timeline: Timeline
 
     def begin_with(self, skill: Skill) -> None:
         """Take over what another run has learnt; ValueError when it does not fit."""
@@ -207,8 +209,13 @@ class Worker(Generic[F]):
         """Fold what happened without us: whole episodes from the journal, then the one under way from the task."""
         before = self.fold.decisions
         under_way = self.service.fetch(TASK_STEPS, JournalEpisode)
-        if under_way.run != self.experiment.run:
-            raise ForeignRunError(f"task: expected run {self.experiment.run}, got {under_way.run}")
+        # Asked for after the steps, so that it knows all swaps that are in force in them.
+        experiment = self.service.fetch(EXPERIMENT, Experiment)
+        for run in (under_way.run, experiment.run):
+            if run != self.experiment.run:
+                raise ForeignRunError(f"task: expected run {self.experiment.run}, got {run}")
+        self.fold.timeline.learn_of(experiment.swaps)
+        self.experiment = experiment
         if under_way.first_decision > self.fold.decisions:
             known = self._remember()
             if known.decisions > self.fold.decisions:

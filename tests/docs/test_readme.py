@@ -58,6 +58,7 @@ ASKING = of(
     "treenail policy",
     "treenail get",
     "treenail checkpoint",
+    "treenail swap",
     "treenail up sim --skill",
 )
 

@@ -24,7 +24,7 @@ from services.wire import keys as names
 from services.wire.codec import ENCODING_PREFIX, decode, encode, encoding_of
 from services.wire.errors import ContractError
 from services.wire.keys import CONTRACT
-from services.wire.messages import MESSAGES, Alive, Message, Refusal
+from services.wire.messages import MESSAGES, Alive, Message, Refusal, SwapRequest
 from services.wire.session import open_client
 
 INPUTS = int(os.environ.get("TREENAIL_FUZZ_CELL", "2000"))
@@ -142,6 +142,8 @@ class Enemy:
         if self.rng.random() < 0.7:
             parameters = mutate_text(self.rng, parameters, WORDS)
         payload, encoding = self.payload(kind) if self.rng.random() < 0.6 else (b"", "")
+        if name == names.SWAP and self._sound(payload, encoding):
+            payload = payload[:-1]  # a good one would swap
         try:
             selector = zenoh.Selector(self.live.keys.of(name), parameters)
             replies = list(self.session.get(selector, payload=payload, encoding=encoding, timeout=20.0))
@@ -168,11 +170,18 @@ class Enemy:
         self.answers[f"refused: {reason}"] += 1
         self.refused[owner] += 1
 
+    def _sound(self, payload: bytes, encoding: str) -> bool:
+        try:
+            decode(SwapRequest, payload, encoding)
+        except ContractError:
+            return False
+        return True
+
     def _owner(self, name: str) -> str:
         if name.startswith(STORED):
             return "store"
         first = name.partition("/")[0]
-        return {"move": "sim", "home": "sim", "experiment": "task"}.get(first, first)
+        return {"move": "sim", "home": "sim", "experiment": "task", "swap": "task"}.get(first, first)
 
 
 @pytest.fixture

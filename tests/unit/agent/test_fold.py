@@ -350,6 +350,8 @@ def test_there_is_no_checkpoint_in_mid_episode() -> None:
         {"fold_decisions": b"1"},
         {"fold_episode": None},
         {"fold_decisions": -1},
+        {"fold_swaps": 1},
+        {"fold_forgotten": -1},
         {"q": b""},
         {"states": 10**9},
         {"unknown": 1},

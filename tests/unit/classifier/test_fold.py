@@ -257,6 +257,7 @@ def test_a_restart_in_mid_episode_goes_on_by_the_partial_record(count: int) -> N
         {"fold_decisions": b"1"},
         {"fold_episode": None},
         {"fold_decisions": -1},
+        {"fold_swaps": 1},
         {"weights": b""},
         {"states": 10**9},
         {"unknown": 1},

@@ -111,7 +111,7 @@ def sample(hint: Any) -> Any:
     if hint is float:
         return limits["ge"] if "ge" in limits else limits.get("gt", 0.0) + 0.125
     if hint is str and "pattern" in limits:
-        return "a" * 64 if "{64}" in limits["pattern"] else "a1"
+        return "a" * next((size for size in (32, 64) if f"{{{size}}}" in limits["pattern"]), 1)
     plain: dict[Any, Any] = {int: limits.get("ge", 3), str: "text", bool: True, bytes: b"\x00\xff"}
     return plain[hint]
 

@@ -1,0 +1,30 @@
+"""What all messages are made of: their base, and numbers and names with their ranges."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from msgspec import Meta, Struct
+
+Count = Annotated[int, Meta(ge=0, le=2**62)]
+RunId = Annotated[str, Meta(pattern=r"^[0-9a-z][0-9a-z-]{0,79}\Z")]
+Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
+ServiceName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]{0,31}\Z")]
+RequestId = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}\Z")]
+Newton = Annotated[float, Meta(ge=-1e5, le=1e5)]
+NewtonMetre = Annotated[float, Meta(ge=-1e5, le=1e5)]
+Force = tuple[Newton, Newton, Newton]
+Torque = tuple[NewtonMetre, NewtonMetre, NewtonMetre]
+Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
+Millimetre = Annotated[float, Meta(ge=-1e4, le=1e4)]
+Degree = Annotated[float, Meta(ge=-360, le=360)]
+Reason = Literal["bad_request", "foreign_run", "out_of_order", "guard", "not_ready"]
+Outcome = Literal["inserted", "collision", "no_progress", "move_limit"]
+
+
+class Message(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """Base of all messages; ``VERSION`` goes up when a type changes."""
+
+    VERSION: ClassVar[int] = 1
+    LARGEST_BYTES: ClassVar[int] = 1 << 16
+    """A larger payload is refused unread: it cannot be honest, and reading it would cost its reader time and memory."""

@@ -1,0 +1,56 @@
+"""The messages about swaps; see docs/swap.md."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from msgspec import Meta, Struct
+
+from services.wire.definition import ClassifierSettings, LearnerSettings, Policy
+from services.wire.message_base import Message, RequestId, RunId
+
+
+class Swap(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """One swap of a run: what learns from an episode on. What is none stays as it is."""
+
+    request: RequestId
+    """Name of the request for it: asked for again, it is not done again."""
+    episode: Annotated[int, Meta(ge=1, le=2**62)]
+    """The first episode that it is in force in."""
+    classifier: ClassifierSettings | None = None
+    learner: LearnerSettings | None = None
+    policy: Policy | None = None
+    fresh: tuple[Literal["classifier", "agent"], ...] = ()
+    """Who begins that episode with nothing learnt; who is not here keeps all that it has learnt."""
+
+
+class SwapRequest(Message, frozen=True, kw_only=True):
+    """Request on ``swap``: another classifier, or another learner or policy of the agent, while the run goes on."""
+
+    LARGEST_BYTES: ClassVar[int] = 1 << 13
+
+    run: RunId
+    request: RequestId
+    """Any; whoever got no reply asks again with the same."""
+    episode: Annotated[int, Meta(ge=1, le=2**62)] | None = None
+    """From which episode on; None for the first that has not begun."""
+    classifier: ClassifierSettings | None = None
+    learner: LearnerSettings | None = None
+    policy: Policy | None = None
+
+
+class Swapped(Message, frozen=True, kw_only=True):
+    """Reply to ``swap``: the swap as the store has it, the ``number``-th of its run, from 1."""
+
+    run: RunId
+    number: Annotated[int, Meta(ge=1, le=64)]
+    swap: Swap
+
+
+class Swaps(Message, frozen=True, kw_only=True):
+    """``journal/<run>/all-swaps``: all swaps of a run, in the order in which they take effect."""
+
+    LARGEST_BYTES: ClassVar[int] = 1 << 20
+
+    run: RunId
+    swaps: Annotated[tuple[Swap, ...], Meta(min_length=1, max_length=64)]
