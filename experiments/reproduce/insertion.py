@@ -115,7 +115,7 @@ def _part(context: Context, one: Done) -> list[Part]:
     parts: list[Part] = []
     for quantity in LABELS:
         number = one.reported.figures.get(quantity, "")
-        caption = f"{LABELS[quantity].capitalize()}, {one.reported.name}."
+        caption = f"{LABELS[quantity][0].upper()}{LABELS[quantity][1:]}, {one.reported.name}."
         parts.append(Figure(number, caption, _curve(one, quantity)))
     rows = compare(one.reported, one.figures, one.episodes)
     if context.quick:
