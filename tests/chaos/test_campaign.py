@@ -68,7 +68,7 @@ def test_clocks_that_disagree_or_are_set_back_change_nothing(small: Path, tmp_pa
         Disturbance("clock", (), after=5, strength=60.0),
     )
     plan = Plan(0, (Section(None, forth_and_back),))
-    settings = Settings(str(small), (), load(str(small), []), 25, 1, False, tmp_path)
+    settings = Settings(str(small), (), (), load(str(small), []), 25, 1, False, tmp_path)
     runs = carry_out(settings, plan, Clocks(tmp_path / "clocks"), lambda _: None)
     assert well(plan, runs), [(run.error, run.verdict) for run in runs]
     assert len(runs) == 1
