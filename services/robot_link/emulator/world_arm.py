@@ -32,7 +32,7 @@ from services.wire.errors import NoAnswerError, TreenailError
 from services.wire.keys import EXPERIMENT, FT, HOME, MOVE, Keys
 from services.wire.messages import Experiment, FtPacket, Home, Message, Move, Moved, Refusal
 
-SHOWN = "jr3/shown"
+SHOWN, FELT = "jr3/shown", "jr3/felt"
 _ANSWER_S = 2.0
 _TRIES = 5
 _OnSample: TypeAlias = "Callback[zenoh.Sample]"
@@ -50,9 +50,11 @@ class World:
         key = world.of(EXPERIMENT)
         on_ft: _OnSample = Callback(self._on_ft, indirect=False)
         on_query: _OnQuery = Callback(lambda query: self._pass_on(Asked(query, key, ())), indirect=False)
+        on_felt: _OnQuery = Callback(self._on_felt, indirect=False)
         self._declared = (
             session.declare_subscriber(world.of(FT), on_ft),
             session.declare_queryable(key, on_query),
+            session.declare_queryable(world.of(FELT), on_felt),
         )
 
     def run(self) -> str:
@@ -110,6 +112,15 @@ class World:
         with self._came:
             self._felt.append(packet)
             self._came.notify_all()
+
+    def _on_felt(self, query: zenoh.Query) -> None:
+        """Tell an emulated sensor that has just been started what there is to be felt."""
+        with self._came:
+            newest = self._felt[-1] if self._felt else None
+        if newest is None:
+            query.drop()  # type: ignore[no-untyped-call]
+        else:
+            Asked(query, self._world.of(FELT), ()).reply(newest)
 
     def _pass_on(self, asked: Asked) -> None:
         """Ask the run's cell what the simulator asked; on Zenoh's threads, so that no motion waits for it."""

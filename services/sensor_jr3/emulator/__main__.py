@@ -46,6 +46,7 @@ def main() -> None:
         options = command.options(arguments)
         session = open_client(options.connect, options.connect_timeout_s, stop.is_set, options.certs)
         follower = Follower(session, Keys(arguments.follow), card.set_load, lambda text: LOG.warning("%s", text))
+        follower.catch_up(session, Keys(arguments.follow))
     with WordServer(card, host, port) as server:
         threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True).start()
         LOG.info("listening on tcp://%s:%d", host, server.port)

@@ -24,7 +24,8 @@ from services.wire.errors import BadPayloadError, TreenailError
 from services.wire.keys import FT, Keys
 from services.wire.messages import FtPacket
 
-SHOWN = "jr3/shown"
+SHOWN, FELT = "jr3/shown", "jr3/felt"
+FELT_S = 2.0
 MOST_WAITING = 64
 """Questions that may wait for their sample; the oldest of more is refused."""
 
@@ -51,13 +52,24 @@ class Follower:
             session.declare_queryable(self._key, on_query),
         )
 
-    def _on_ft(self, sample: zenoh.Sample) -> None:
+    def catch_up(self, session: zenoh.Session, keys: Keys) -> None:
+        """Feel what was published before we were there, if an emulated arm is there that knows it.
+
+        Otherwise a sensor that is started again would show no load where there is one, until the next motion.
+        """
+        for reply in session.get(keys.of(FELT), timeout=FELT_S):
+            if reply.ok is not None:
+                self._on_ft(reply.ok, late=True)
+
+    def _on_ft(self, sample: zenoh.Sample, late: bool = False) -> None:
         try:
             packet = decode(FtPacket, sample.payload.to_bytes(), str(sample.encoding))
         except TreenailError as error:
             self._complain(str(error))
             return
         with self._lock:
+            if late and self._shown is not None:
+                return
             self._feel((*packet.force_n[-1], *packet.torque_nm[-1]))
             self._shown = packet
             ready = [asked for sequence, asked in self._waiting if sequence == packet.sequence]
