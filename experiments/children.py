@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import signal
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from multiprocessing import resource_tracker
 from multiprocessing.context import SpawnProcess
+
+from services.wire.stop_flag import StopFlag
 
 POLL_S = 0.2
 """How often Ctrl-C is looked for while the children are at work."""
@@ -35,12 +36,10 @@ def how_it_ended(process: SpawnProcess) -> str:
 
 
 @contextmanager
-def interrupt_noted() -> Iterator[threading.Event]:
+def interrupt_noted() -> Iterator[StopFlag]:
     """Note Ctrl-C and SIGTERM, not end at once, so that no child is lost between being started and being known."""
-    noted = threading.Event()
-    before = {number: signal.signal(number, lambda *_: noted.set()) for number in (signal.SIGINT, signal.SIGTERM)}
+    noted = StopFlag()
     try:
         yield noted
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        noted.restore()

@@ -9,7 +9,6 @@ from __future__ import annotations
 import argparse
 import json
 import signal
-import threading
 import time
 
 import zenoh
@@ -22,6 +21,7 @@ from services.cli import client
 from services.cli.terminal import console
 from services.cli.traffic import Heart, Published, Traffic
 from services.wire.service import HEARTBEAT_S
+from services.wire.stop_flag import StopFlag
 
 RING = 16384
 """Messages that may wait to be read; a cell at full speed publishes some thousand a second."""
@@ -80,10 +80,10 @@ class Watch:
         self._prefix = cell.keys.of("")
         self._subscriber = cell.session.declare_subscriber(cell.keys.of("**"), zenoh.handlers.RingChannel(RING))
 
-    def read_for(self, seconds: float, stop: threading.Event | None = None) -> None:
+    def read_for(self, seconds: float, stop: StopFlag | None = None) -> None:
         """Count what arrives in so many seconds, or until ``stop`` is set."""
         deadline = time.monotonic() + seconds
-        while (left := deadline - time.monotonic()) > 0 and not (stop and stop.is_set()):
+        while (left := deadline - time.monotonic()) > 0 and not stop:
             time.sleep(min(READ_EVERY_S, left))
             self._read()
 
@@ -137,11 +137,10 @@ def view(traffic: Traffic, cell: str, present: list[str], now_s: float) -> Group
 
 def _live(watch: Watch, live: Live) -> None:
     """Show the table until Ctrl-C, which is the way to end it."""
-    stop = threading.Event()
     # Raised as an exception it could come while somebody else's code runs that has no use for it, and be lost.
-    signal.signal(signal.SIGINT, lambda *_: stop.set())
+    stop = StopFlag(signal.SIGINT)
     with live:
-        while not stop.is_set():
+        while not stop:
             watch.read_for(SHOW_EVERY_S, stop)
             now = time.monotonic()
             live.update(view(watch.traffic, watch.cell.keys.cell, watch.cell.alive(), now), refresh=True)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import fcntl
 import queue
-import signal
 import time
 from collections.abc import Callable
 
@@ -25,6 +24,7 @@ from services.wire.keys import EPISODE, EXPERIMENT
 from services.wire.messages import EpisodeSummary, Experiment, Swap
 from services.wire.progress import Progress
 from services.wire.service import Options
+from services.wire.stop_flag import StopFlag
 from services.wire.swaps import words
 
 EXIT_INTERRUPTED = 130
@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def act(arguments: argparse.Namespace) -> int:
     """Bring a cell up, watch it to the end of its run, write the results; return the exit status."""
     plan = plan_of(arguments)
-    stop = _StopFlag()
+    stop = StopFlag()
     _prepare(plan)
     progress = Progress(plan.episodes)
     title = f"{plan.definition.name}, seed {arguments.seed}"
@@ -190,18 +190,3 @@ def _drain(arrived: queue.SimpleQueue[EpisodeSummary], progress: Progress, run: 
 def _stop(supervisor: Supervisor, reporter: Reporter) -> None:
     for name in supervisor.stop():
         reporter.say(f"{name} did not stop in time and was killed")
-
-
-class _StopFlag:
-    """True once SIGINT or SIGTERM has come."""
-
-    def __init__(self) -> None:
-        self._set = False
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
-
-    def __bool__(self) -> bool:
-        return self._set
-
-    def _on_signal(self, _number: int, _frame: object) -> None:
-        self._set = True

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import signal
 import sys
-import threading
 
 from services.wire import command
 from services.wire.heartbeat import touch_heartbeat
 from services.wire.session import DEFAULT_ENDPOINT, DEFAULT_SECURE_ENDPOINT, open_router
+from services.wire.stop_flag import StopFlag
 
 
 def main() -> None:
@@ -23,15 +22,12 @@ def main() -> None:
     )
     command.add_certs(parser)
     arguments = parser.parse_args()
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = StopFlag()
     secured = arguments.certs is not None
     listen = arguments.listen or [DEFAULT_SECURE_ENDPOINT if secured else DEFAULT_ENDPOINT]
     session = open_router(listen, arguments.certs)
     checked = " (mutual TLS, access control)" if secured else ""
     print(f"router: listening on {', '.join(listen)}{checked}", flush=True)
-    # A signal that one of Zenoh's threads takes does not wake this one, so it looks up now and then.
     while not stop.wait(0.5):
         touch_heartbeat()
     session.close()  # type: ignore[no-untyped-call]

@@ -7,7 +7,6 @@ Whoever can connect can command the card: keep it on a network of its own. It ho
 from __future__ import annotations
 
 import logging
-import signal
 import sys
 import threading
 
@@ -15,6 +14,7 @@ from services.sensor_jr3.settings import address
 from services.sensor_jr3.transports import open_card
 from services.sensor_jr3.word_server import WordServer
 from services.wire import command
+from services.wire.stop_flag import StopFlag
 
 
 def main() -> None:
@@ -24,9 +24,7 @@ def main() -> None:
     parser.add_argument("--listen", default="127.0.0.1:7460", metavar="HOST:PORT", help="default: 127.0.0.1:7460")
     arguments = parser.parse_args()
     host, port = address(arguments.listen)
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = StopFlag()
     card = open_card(arguments.url)
     with WordServer(card, host, port) as server:
         threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True).start()

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import logging
-import signal
 import sys
-import threading
 
 import zenoh
 
@@ -20,6 +18,7 @@ from services.robot_link.settings import SettingError
 from services.wire import command
 from services.wire.keys import Keys
 from services.wire.session import open_client
+from services.wire.stop_flag import StopFlag
 
 LOG = logging.getLogger("robot-emulator")
 START = (420.0, 150.0, 80.0, 30.0, 170.0, -20.0)
@@ -46,9 +45,7 @@ def main() -> None:
     command.add_arguments(made)
     arguments = made.parse_args()
     host, port = _address(arguments.listen)
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = StopFlag()
     start = poses.frame(START, "zyz")
     session: zenoh.Session | None = None
     arm: Arm = IdealArm(start.copy())
@@ -76,7 +73,7 @@ def main() -> None:
     else:
         LOG.info("listening on socket://%s:%d", host, server.port)
     LOG.info("panel on %s:%d", host, server.panel_port)
-    while not stop.is_set():
+    while not stop:
         server.step(0.1)
     server.close()
     if session is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import logging
-import signal
 import sys
 import threading
 from collections.abc import Callable
@@ -24,6 +23,7 @@ from services.wire.answers import ft_vector
 from services.wire.errors import ContractError
 from services.wire.keys import Keys
 from services.wire.session import open_client
+from services.wire.stop_flag import StopFlag
 
 LOG = logging.getLogger("jr3-emulator")
 
@@ -38,9 +38,7 @@ def main() -> None:
     card = EmulatedCard(Dsp(_sensor(arguments)), load_at)
     if arguments.load is not None:
         card.set_load(_load(arguments.load))
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = StopFlag()
     session: zenoh.Session | None = None
     if arguments.follow is not None:
         options = command.options(arguments)
