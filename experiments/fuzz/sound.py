@@ -185,7 +185,7 @@ def _answers(agent: AgentFold) -> list[Message]:
             **place, states=2, encoding="odd", prototypes=((1.0,) * 6, (-0.5,) * 6), counts=(3, 5), digest=digest
         ),
         Classified(**place, states=2, state=None, match=-1.0),
-        SwapRequest(run=RUN, request="0f" * 16, episode=4, classifier=DEFINITION.classifier),
+        SwapRequest(run=RUN, request="0f" * 16, after=1, episode=4, classifier=DEFINITION.classifier),
         Swapped(run=RUN, number=1, swap=SWAP),
         Swaps(run=RUN, swaps=(SWAP,)),
         Experiment(

@@ -45,10 +45,7 @@ def act(arguments: argparse.Namespace) -> None:
     """Ask for the swap until task and store have confirmed it, and say what it means."""
     wish = wish_of(arguments)
     with client.client_of(arguments) as cell:
-        running = cell.ask(EXPERIMENT, Experiment)
-        now = in_force(running.definition, running.swaps)
-        request = asked_for(running.run, now, wish, arguments.at, uuid.uuid4().hex)
-        found = ask(cell, request, arguments.timeout)
+        found = swap(cell, wish, arguments.at, arguments.timeout)
     if arguments.json:
         print(json.dumps({"run": found.run, "number": found.number, "swap": msgspec.to_builtins(found.swap)}))
         return
@@ -63,6 +60,24 @@ def wish_of(arguments: argparse.Namespace) -> Wish:
     if not settings:
         raise SwapError(f"swap: expected --{named[0]}, --{named[1]} or --set, got none of them")
     return Wish(arguments.service, settings)
+
+
+def swap(cell: Client, wish: Wish, episode: int | None, within_s: float) -> Swapped:
+    """Return the swap that was made for a wish; worked out anew when somebody else's has come before it.
+
+    Raises what ``ask`` and ``asked_for`` raise.
+    """
+    deadline = time.monotonic() + within_s
+    while True:
+        running = cell.ask(EXPERIMENT, Experiment)
+        now, after = in_force(running.definition, running.swaps), len(running.swaps)
+        request = asked_for(running.run, now, wish, episode, uuid.uuid4().hex, after)
+        try:
+            return ask(cell, request, max(0.0, deadline - time.monotonic()))
+        except RefusedError as error:
+            others = len(cell.ask(EXPERIMENT, Experiment).swaps) != after
+            if error.reason != "out_of_order" or not others or time.monotonic() > deadline:
+                raise
 
 
 def ask(cell: Client, request: SwapRequest, within_s: float) -> Swapped:

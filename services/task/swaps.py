@@ -87,6 +87,10 @@ class Swaps:
         return True
 
     def _add(self, request: SwapRequest, first: int, episodes: int) -> None:
+        if request.after not in (None, len(self._all)):
+            expected = f"expected one worked out after the run's {len(self._all)} swaps"
+            got = f"got one after {request.after}; look at the run and ask again"
+            raise SwapError(f"swap: {expected}, {got}", "out_of_order")
         episode = first if request.episode is None else request.episode
         check_episode(episode, first, episodes)
         self._all += (made(self._record.definition, self._all, request, episode),)

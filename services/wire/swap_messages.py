@@ -27,11 +27,14 @@ class Swap(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 class SwapRequest(Message, frozen=True, kw_only=True):
     """Request on ``swap``: another classifier, or another learner or policy of the agent, while the run goes on."""
 
+    VERSION: ClassVar[int] = 2
     LARGEST_BYTES: ClassVar[int] = 1 << 13
 
     run: RunId
     request: RequestId
     """Any; whoever got no reply asks again with the same."""
+    after: Annotated[int, Meta(ge=0, le=64)] | None = None
+    """How many swaps the run had when this was worked out; refused when it has others by now. None: no matter."""
     episode: Annotated[int, Meta(ge=1, le=2**62)] | None = None
     """From which episode on; None for the first that has not begun."""
     classifier: ClassifierSettings | None = None

@@ -98,19 +98,23 @@ def made(definition: Definition, swaps: Sequence[Swap], request: SwapRequest, ep
     return replace(asked, fresh=fresh_after(before, after))
 
 
-def asked_for(run: str, now: Definition, wish: Wish, episode: int | None, request: str | None = None) -> SwapRequest:
+def asked_for(
+    run: str, now: Definition, wish: Wish, episode: int | None, request: str | None = None, after: int | None = None
+) -> SwapRequest:
     """Return the request for a wish in a run where ``now`` is in force; by default it is named by its content.
+
+    ``after``: so many swaps must the run have, or the request is refused.
 
     Raises SwapError, DefinitionError or PluginError for what is not there or does not fit.
     """
-    after = _wished(now, wish)
-    tables = {name: getattr(after, name) for name in ("classifier", "learner", "policy")}
+    wished = _wished(now, wish)
+    tables = {name: getattr(wished, name) for name in ("classifier", "learner", "policy")}
     different = {name: table for name, table in tables.items() if table != getattr(now, name)}
     if not different:
         raise SwapError(f"swap: expected something that changes, got {', '.join(wish.settings) or 'nothing'}")
     content = msgspec.json.encode((episode, different), order="sorted")
     name = hashlib.sha256(content).hexdigest()[:32] if request is None else request
-    return SwapRequest(run=run, request=name, episode=episode, **different)
+    return SwapRequest(run=run, request=name, after=after, episode=episode, **different)
 
 
 def planned(run: str, definition: Definition, specs: Iterable[str], episodes: int) -> tuple[Swap, ...]:

@@ -128,7 +128,7 @@ VALUES: tuple[Message, ...] = (
     ),
     Classified(run=RUN, decisions=70000, states=18, state=17, match=0.96875),
     Classified(run=RUN, decisions=0, states=0, state=None, match=-1.0),
-    SwapRequest(run=RUN, request="0f" * 16, learner=Sarsa(alpha=0.05, gamma=0.9)),
+    SwapRequest(run=RUN, request="0f" * 16, after=3, learner=Sarsa(alpha=0.05, gamma=0.9)),
     Swapped(run=RUN, number=1, swap=SWAP),
     Swaps(run=RUN, swaps=(SWAP, Swap(request="ab" * 16, episode=70000, policy=Greedy()))),
     Skill(
@@ -285,10 +285,11 @@ GOLDEN: tuple[tuple[str, str], ...] = (
         "c0a56d61746368cbbff0000000000000",
     ),
     (
-        "application/msgpack;treenail.SwapRequest.v1",
-        "86a372756eb3303132333435363738396162636465662d7337a772657175657374d920306630663066306630663066306630"
-        "6630663066306630663066306630663066a7657069736f6465c0aa636c6173736966696572c0a76c6561726e657283a46b69"
-        "6e64a57361727361a5616c706861cb3fa999999999999aa567616d6d61cb3feccccccccccccda6706f6c696379c0",
+        "application/msgpack;treenail.SwapRequest.v2",
+        "87a372756eb3303132333435363738396162636465662d7337a772657175657374d920306630663066306630663066306630"
+        "6630663066306630663066306630663066a5616674657203a7657069736f6465c0aa636c6173736966696572c0a76c656172"
+        "6e657283a46b696e64a57361727361a5616c706861cb3fa999999999999aa567616d6d61cb3feccccccccccccda6706f6c69"
+        "6379c0",
     ),
     (
         "application/msgpack;treenail.Swapped.v1",

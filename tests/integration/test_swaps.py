@@ -17,6 +17,7 @@ from experiments.in_process import InProcessRun
 from experiments.results import episodes_digest
 from services.wire.answers import answer_in
 from services.wire.codec import encode, encoding_of
+from services.wire.definition import QLearning, Softmax
 from services.wire.definition_file import load
 from services.wire.keys import SWAP, SWAPS
 from services.wire.messages import Refusal, Swap, Swapped, SwapRequest, Swaps
@@ -173,6 +174,18 @@ def test_two_at_once_are_served_one_after_the_other(waiting: Any, operator: Oper
     assert waiting.digests() == in_process(waiting.definition, swaps)
 
 
+def test_two_clients_at_once_do_not_undo_each_other(waiting: Any, run_module: Callable[..., Any]) -> None:
+    words = ("services.cli.main", "swap", "agent", "--connect", waiting.endpoint, "--at", "5", "--set")
+    clients = [run_module(*words, setting) for setting in ("alpha=0.2", "gamma=0.5", "policy.beta=3")]
+    for process in clients:
+        assert (process.end(), process.err) == (0, "")
+    experiment = waiting.experiment()
+    now = in_force(experiment.definition, experiment.swaps)
+    assert isinstance(now.learner, QLearning) and isinstance(now.policy, Softmax)
+    assert (now.learner.alpha, now.learner.gamma, now.policy.beta) == (0.2, 0.5, 3.0)
+    assert len(experiment.swaps) == 3
+
+
 def test_what_cannot_be_is_refused_and_changes_nothing(waiting: Any, operator: Operator) -> None:
     good = operator.wanted(SARSA, 5)
     run, request = good.run, "0" * 32
@@ -182,6 +195,7 @@ def test_what_cannot_be_is_refused_and_changes_nothing(waiting: Any, operator: O
         SwapRequest(run=run, request=request): ("bad_request", "something that changes"),
         SwapRequest(run=run, request=request, learner=settings.learner): ("bad_request", "something that changes"),
         SwapRequest(run=run, request=request, episode=EPISODES, learner=good.learner): ("out_of_order", "1 to 23"),
+        SwapRequest(run=run, request=request, after=1, learner=good.learner): ("out_of_order", "the run's 0 swaps"),
     }
     for wrong, (reason, said) in cases.items():
         answer = operator.ask(wrong)
