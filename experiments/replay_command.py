@@ -48,11 +48,14 @@ def _act(arguments: argparse.Namespace) -> bool:
     with journal_options.places(arguments, arguments.store) as places:
         run = chosen(places, arguments.run)
         record = run.record()
-        began_with, swaps = run.skill(record.skill_sha256), run.swaps()
-        witnesses = _witnesses(run, record, swaps, arguments)
-        replay = witnesses.replay(record, began_with, swaps)
+        began_with = run.skill(record.skill_sha256)
+        table, states = _living_in(run, until)
+        checkpoints = run.checkpoints()
         total = run.length() if until is None else until
-        for entry in journal_options.shown(run.episodes(until), "replay", total):
+        swaps = run.swaps()  # after the length: the store has the swaps of an episode before that begins
+        witnesses = Witnesses(checkpoints, _summary_of(run, record, swaps, arguments), table, states)
+        replay = witnesses.replay(record, began_with, swaps)
+        for entry in journal_options.shown(run.episodes(total), "replay", total):
             replay.fold(entry)
     compared = witnesses.compared(replay, began_with, until)
     if arguments.json:
@@ -66,15 +69,20 @@ def _agrees(replay: Replay, compared: Sequence[Compared]) -> bool:
     return not replay.mismatches and all(one.equal is not False for one in compared)
 
 
-def _witnesses(run: StoredRun, record: RunRecord, swaps: Sequence[Swap], arguments: argparse.Namespace) -> Witnesses:
-    """Collect what else knows of the run; the living workers first, so that the journal then goes as far as they."""
-    table = states = None
-    if isinstance(run.stored, InCell) and arguments.until is None:
-        table, states = _living(run.stored.client, run.name)
-        _wait_until_journalled(run, table, states)
+def _living_in(run: StoredRun, until: int | None) -> tuple[QTable | None, ClassifierStates | None]:
+    """Return the memories of a living cell's workers, once the journal goes as far as they."""
+    if not isinstance(run.stored, InCell) or until is not None:
+        return None, None
+    table, states = _living(run.stored.client, run.name)
+    _wait_until_journalled(run, table, states)
+    return table, states
+
+
+def _summary_of(
+    run: StoredRun, record: RunRecord, swaps: Sequence[Swap], arguments: argparse.Namespace
+) -> RunSummary | None:
     path = arguments.summary or _summary_beside(run, record, swaps)
-    summary = None if path is None else read_summary(path, record, swaps)
-    return Witnesses(run.checkpoints(), summary, table, states)
+    return None if path is None else read_summary(path, record, swaps)
 
 
 def _living(client: Client, run: str) -> tuple[QTable | None, ClassifierStates | None]:
