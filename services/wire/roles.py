@@ -1,7 +1,7 @@
 """Roles: one process per service and cell holds one, and its messages count, nobody else's.
 
-A role is held by a liveliness token ``claim/<service>/<instance>``; an instance is named after its start and its Zenoh
-session, the earlier one sorts first. Zenoh's timestamp of a message tells which session it came from.
+A role is held by a liveliness token ``claim/<service>/<instance>``; an instance is named after its claim's time and its
+Zenoh session, the earlier one sorts first. Zenoh's timestamp of a message tells which session it came from.
 """
 
 from __future__ import annotations
@@ -19,15 +19,18 @@ from services.wire.session import LEASE_MS
 
 SampleHandler: TypeAlias = "Callback[zenoh.Sample]"
 
+SETTLE_S = 0.25
+"""How long an earlier claim of the same cell of a fleet may take to be seen."""
+
 
 class Roles:
     """Who holds which role in one cell, as far as one process knows."""
 
     def __init__(self, session: zenoh.Session, keys: Keys, name: str) -> None:
-        self.instance = f"{time.time_ns():020d}-{session.zid()}"
         self.ousted: RoleTakenError | None = None
         """Set when an earlier holder of our own role, cut off from the router when we claimed it, is back."""
         self._session = session
+        self.instance = self._named_now()
         self.keys = keys
         self._name = name
         self._holders: dict[str, set[str]] = {}
@@ -40,13 +43,21 @@ class Roles:
         key = self.keys.of("claim/*/*")
         self._declared.append(self._session.liveliness().declare_subscriber(key, callback, history=True))
 
-    def attempt(self) -> RoleTakenError | None:
-        """Take this process's role if it is free; otherwise return who has it, with nothing left behind."""
+    def attempt(self, settle_s: float = 0.0) -> RoleTakenError | None:
+        """Take this process's role if it is free; otherwise return who has it, with nothing left behind.
+
+        With ``settle_s`` it is looked again after that time whether somebody earlier has come.
+        """
         if others := self._others():
             return self._taken(others)
+        self.instance = self._named_now()
         token = self._session.liveliness().declare_token(self.keys.of(f"claim/{self._name}/{self.instance}"))
         # Of two that came at once, the earlier one stays.
-        if earlier := [other for other in self._others() if other < self.instance]:
+        earlier = self._earlier()
+        if settle_s > 0.0 and not earlier:
+            time.sleep(settle_s)
+            earlier = self._earlier()
+        if earlier:
             token.undeclare()  # type: ignore[no-untyped-call]
             return self._taken(earlier)
         self._declared.append(token)
@@ -71,6 +82,12 @@ class Roles:
         if held and not any(sender in holders for holders in held):
             raise StrangerError(f"{sample.key_expr}: expected a message of {' or '.join(roles)}, got one of {sender}")
 
+    def _named_now(self) -> str:
+        return f"{time.time_ns():020d}-{self._session.zid()}"
+
+    def _earlier(self) -> list[str]:
+        return [other for other in self._others() if other < self.instance]
+
     def _others(self) -> list[str]:
         replies = self._session.liveliness().get(self.keys.of(f"claim/{self._name}/*"), timeout=1.0)
         found = (str(reply.ok.key_expr).rpartition("/")[2] for reply in replies if reply.ok is not None)
@@ -92,7 +109,8 @@ def take_role(session: zenoh.Session, cells: Sequence[Keys], name: str, stopping
     while True:
         for keys in cells:
             roles = Roles(session, keys, name)
-            taken = roles.attempt()
+            # Who finds out too late that another has taken the same cell has to end, though another cell is free.
+            taken = roles.attempt(SETTLE_S if len(cells) > 1 else 0.0)
             if taken is None:
                 return roles
         if time.monotonic() > deadline or stopping():

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from services.wire.keys import Keys
+from services.wire.roles import take_role
+from services.wire.session import open_client
 
 CELLS = 2
 EPISODES = 24
@@ -55,6 +58,21 @@ def test_what_is_refused_is_counted_in_the_cell_that_it_came_to(
     house.session.put(Keys("2").checkpoint_latest("x", "agent"), b"garbage")
     wait_until("it is counted", lambda: fleet[1].refused("store"))
     assert fleet[0].refused("store") == {}
+
+
+def test_who_claims_a_cell_just_before_an_earlier_claim_is_seen_takes_the_next(
+    house: Any, wait_until: Callable[..., None]
+) -> None:
+    cells = [Keys("1"), Keys("2")]
+    earlier = house.session.liveliness()
+    with open_client([house.endpoint]) as session, ThreadPoolExecutor() as pool:
+        taking = pool.submit(take_role, session, cells, "agent", lambda: False)
+        claims = Keys("1").of("claim/agent/*")
+        wait_until("the claim is there", lambda: list(earlier.get(claims, timeout=1.0)))
+        token = earlier.declare_token(Keys("1").of(f"claim/agent/{1:020d}-{house.session.zid()}"))
+        assert taking.result(30.0).keys.cell == "2"
+        wait_until("its own claim is gone", lambda: len(list(earlier.get(claims, timeout=1.0))) == 1)
+        token.undeclare()
 
 
 @pytest.mark.parametrize("number", ["0", "-1", "1001", "x"])
