@@ -24,9 +24,10 @@ from zenoh.handlers import Callback
 
 from services.wire.answers import Asked, Request, to_first
 from services.wire.codec import contract_sha256, decode, encode, encoding_of
-from services.wire.errors import CellError, NoAnswerError, TreenailError
+from services.wire.errors import BadPayloadError, CellError, NoAnswerError, TreenailError
 from services.wire.heartbeat import touch_heartbeat
 from services.wire.keys import Keys
+from services.wire.memory import give_back
 from services.wire.messages import Alive, Message, Refusal
 from services.wire.roles import Roles, take_role
 from services.wire.session import DEFAULT_ENDPOINT, come_after, open_client
@@ -76,6 +77,8 @@ class Service:
         self.handled = 0
         self.refused: Counter[str] = Counter()
         self.stopping = False
+        self._refused_payload = False
+        """Since the last heartbeat; it may have been a large one."""
         self._started_ns = time.time_ns()
         self._beat = 0
         self._next_beat = time.monotonic()
@@ -162,6 +165,9 @@ class Service:
             touch_heartbeat()
             for place in (self, *self._neighbours):
                 place._publish_heartbeat()
+            if self._refused_payload:
+                self._refused_payload = False
+                give_back()
         try:
             place, handler, item = self._inbox.get(timeout=max(0.0, min(timeout_s, self._next_beat - now)))
         except queue.Empty:
@@ -269,6 +275,7 @@ class Service:
         """Count a refusal by the error's name, and log it now and then."""
         name = type(error).__name__
         self.refused[name] += 1
+        self._host._refused_payload |= isinstance(error, BadPayloadError)
         self.complain(f"refused ({self.refused[name]} {name}): {error}", topic=name)
 
     def complain(self, text: str, topic: str | None = None) -> None:
