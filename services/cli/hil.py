@@ -32,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--thesis-speed",
         action="store_true",
-        help="hil: a line of 9600 baud, three motions a second, as the thesis had",
+        help="hil: a line of 9600 baud, motions of 0.33 s: about one decision a second, as in the thesis",
     )
 
 
