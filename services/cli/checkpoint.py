@@ -85,18 +85,16 @@ def _import(arguments: argparse.Namespace) -> None:
         before = skill_transfer.running(cell)
         if skill is None:
             skill_transfer.forget(cell)
-            what = "nothing learnt"
         else:
             if before is not None:
                 skill_file.fits(skill.skill, before.definition)
             skill_transfer.give(cell, skill)
-            what = f"skill {skill.sha256[:12]}"
         if before is None:
+            what = "nothing learnt" if skill is None else f"skill {skill.sha256[:12]}"
             print(f"no task is running in cell {cell.keys.cell}: the next one will begin with {what}")
             return
         now = skill_transfer.taken(cell, None if skill is None else skill.sha256, arguments.timeout)
-    how = "goes on" if now.run == before.run or now.episodes_done else "begins"
-    print(f"run {now.run} {how} with {what}")
+    print(skill_transfer.beginning(now))
 
 
 def _list(arguments: argparse.Namespace) -> None:

@@ -91,6 +91,13 @@ def taken(client: Client, sha256: str | None, within_s: float) -> Experiment:
         time.sleep(RETRY_S)
 
 
+def beginning(experiment: Experiment) -> str:
+    """Return in words what a run began with and how far it is: true of a new one and of one taken up again."""
+    skill = "nothing learnt" if experiment.skill_sha256 is None else f"skill {experiment.skill_sha256[:12]}"
+    done = f"{experiment.episodes_done} of {experiment.episodes} episodes done"
+    return f"run {experiment.run} began with {skill}: {done}"
+
+
 def _kept(client: Client, name: str, payload: bytes) -> bool:
     """Put a skill's bytes under a name and return whether the store gives them back."""
     client.session.put(

@@ -68,15 +68,17 @@ def swap(cell: Client, wish: Wish, episode: int | None, within_s: float) -> Swap
     Raises what ``ask`` and ``asked_for`` raise.
     """
     deadline = time.monotonic() + within_s
+    running = cell.ask(EXPERIMENT, Experiment)
     while True:
-        running = cell.ask(EXPERIMENT, Experiment)
         now, after = in_force(running.definition, running.swaps), len(running.swaps)
         request = asked_for(running.run, now, wish, episode, uuid.uuid4().hex, after)
         try:
             return ask(cell, request, max(0.0, deadline - time.monotonic()))
         except RefusedError as error:
-            others = len(cell.ask(EXPERIMENT, Experiment).swaps) != after
-            if error.reason != "out_of_order" or not others or time.monotonic() > deadline:
+            if error.reason != "out_of_order" or time.monotonic() > deadline:
+                raise
+            running = cell.ask(EXPERIMENT, Experiment)
+            if len(running.swaps) == after:
                 raise
 
 

@@ -15,7 +15,7 @@ from services.cli.client import Client
 from services.cli.finish import EndedRun, finish
 from services.cli.plan import Plan, plan_of
 from services.cli.progress import Reporter
-from services.cli.skill_transfer import give
+from services.cli.skill_transfer import beginning, give
 from services.cli.supervisor import Supervisor
 from services.wire.access import OPERATOR
 from services.wire.definition_file import definition_sha256, find
@@ -133,7 +133,7 @@ def _run(plan: Plan, supervisor: Supervisor, reporter: Reporter, progress: Progr
                         run, swaps = experiment.run, ()
                         progress.done = 0
                         progress.recent.clear()
-                        reporter.say(f"run {run}: {_beginning(experiment)}")
+                        reporter.say(f"the store says what to begin with: {beginning(experiment)}")
                     for swap in experiment.swaps[len(swaps) :]:
                         reporter.say(f"swap {words(swap)}")
                     phase, first_version = experiment.phase, experiment.first_policy_version
@@ -145,14 +145,6 @@ def _run(plan: Plan, supervisor: Supervisor, reporter: Reporter, progress: Progr
         reporter.show(supervisor.alive(), phase, now=True)
         ended = EndedRun(run, plan.definition, plan.arguments.seed, progress.done, first_version, swaps)
         finish(client, ended, plan.out, mind, reporter.say)
-
-
-def _beginning(experiment: Experiment) -> str:
-    """Return in words what the run that the store's skill decides on begins with."""
-    how = "goes on" if experiment.episodes_done else "begins"
-    if experiment.skill_sha256 is None:
-        return f"the store has no skill any more, it {how} with nothing learnt before"
-    return f"the store has skill {experiment.skill_sha256[:12]}, it {how} with that"
 
 
 def _client(plan: Plan, mind: Callable[[], None]) -> Client:

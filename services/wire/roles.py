@@ -30,7 +30,8 @@ class Roles:
         self.ousted: RoleTakenError | None = None
         """Set when an earlier holder of our own role, cut off from the router when we claimed it, is back."""
         self._session = session
-        self.instance = self._named_now()
+        self.instance = ""
+        """Named when the role is claimed."""
         self.keys = keys
         self._name = name
         self._holders: dict[str, set[str]] = {}
@@ -50,7 +51,7 @@ class Roles:
         """
         if others := self._others():
             return self._taken(others)
-        self.instance = self._named_now()
+        self.instance = f"{time.time_ns():020d}-{self._session.zid()}"
         token = self._session.liveliness().declare_token(self.keys.of(f"claim/{self._name}/{self.instance}"))
         # Of two that came at once, the earlier one stays.
         earlier = self._earlier()
@@ -81,9 +82,6 @@ class Roles:
         sender = None if sample.timestamp is None else str(sample.timestamp.get_id())
         if held and not any(sender in holders for holders in held):
             raise StrangerError(f"{sample.key_expr}: expected a message of {' or '.join(roles)}, got one of {sender}")
-
-    def _named_now(self) -> str:
-        return f"{time.time_ns():020d}-{self._session.zid()}"
 
     def _earlier(self) -> list[str]:
         return [other for other in self._others() if other < self.instance]

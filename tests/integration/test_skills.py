@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -96,7 +97,8 @@ def test_running_cell_begins_another_run_and_ends_it_exactly(
     live.wait_actions(30)
     said = checkpoint("import", str(file)).out
     name = run_id(load(str(small)), 1, learnt.sha256)
-    assert said == f"run {name} begins with skill {learnt.sha256[:12]}\n"
+    began = f"run {name} began with skill {learnt.sha256[:12]}: "
+    assert re.fullmatch(rf"{began}\d+ of {EPISODES} episodes done\n", said), said
     experiment = live.experiment()
     assert (experiment.run, experiment.skill_sha256) == (name, learnt.sha256)
     assert experiment.first_policy_version == learnt.version
@@ -128,14 +130,15 @@ def test_skill_is_forgotten_and_taken_up_again_where_each_run_was(
     blank = live.experiment()
     checkpoint("import", str(file))
     live.wait_actions(20)
-    assert checkpoint("import", "--none").out.endswith(" with nothing learnt\n")
+    assert f"run {blank.run} began with nothing learnt: " in checkpoint("import", "--none").out
     assert live.experiment().run == blank.run
     assert live.experiment().episodes_done >= blank.episodes_done
     assert live.digests() == reference(EPISODES)
     checkpoint("import", str(file))  # also after the end
     assert live.digests() == expected
     assert live.experiment().skill_sha256 == learnt.sha256
-    assert checkpoint("import", str(file)).out.startswith(f"run {live.experiment().run} goes on with skill")
+    said = checkpoint("import", str(file)).out
+    assert said.endswith(f"began with skill {learnt.sha256[:12]}: {EPISODES} of {EPISODES} episodes done\n")
 
 
 def test_without_a_task_the_next_one_begins_with_it(

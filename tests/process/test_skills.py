@@ -90,7 +90,7 @@ def test_stopped_and_started_again_it_is_the_same_run(
     (out / "logs" / "router.log").unlink()
     again = up(out, EPISODES)  # the skill is in the store
     assert again.end() == 0, again.err
-    assert "the store has skill" in again.out
+    assert "the store says what to begin with: run " in again.out
     assert digests_in(out) == expected
 
 
@@ -112,7 +112,7 @@ def test_skill_given_to_a_running_cell_makes_its_run_another_one(
     assert given.end() == 0, given.err
     assert process.end() == 0, process.err
     sha256 = skills.read(file).sha256
-    assert f"-k{sha256[:16]}: the store has skill {sha256[:12]}, it begins with that" in process.out
+    assert f"-k{sha256[:16]} began with skill {sha256[:12]}: " in process.out
     assert digests_in(out) == expected
 
 
