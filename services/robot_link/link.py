@@ -15,7 +15,7 @@ from services.robot_link.channel import Channel
 from services.robot_link.errors import BusyError, ControllerError, LinkError
 from services.robot_link.motion import Command, Pause, Script
 from services.robot_link.serial_line import LineError
-from services.robot_link.val2 import Answer, Greeted, State, Terminal, Trouble
+from services.robot_link.val2 import Answer, Event, Greeted, State, Terminal, Trouble
 from services.wire.actions import Increment
 
 RETRY_S = (0.05, 2.0)
@@ -137,15 +137,7 @@ class Link:
             raise LineError(self._channel.failure)
         events = self._terminal.receive(heard.text, now) if heard is not None and self._greeting else []
         events += self._terminal.tick(now)
-        for event in events:
-            if isinstance(event, Trouble):
-                self._flush(now)
-                self._fault(LinkError(f"robot: {event.reason}; told to abort"))
-                break
-            if isinstance(event, Greeted):
-                self._begin(self._get_ready(), self._got_ready)
-            else:
-                self._answered(event)
+        self._take_in(events, now)
         if self._resume_s is not None and now >= self._resume_s:
             self._resume_s = None
             self._go_on(())
@@ -155,6 +147,18 @@ class Link:
             self._greeting = True
             self._terminal.start(now)
             self._flush(now)
+
+    def _take_in(self, events: list[Event], now: float) -> None:
+        # A trouble first: an answer that more came behind in one piece is not to be trusted, and nothing can follow it.
+        for event in sorted(events, key=lambda one: not isinstance(one, Trouble)):
+            if isinstance(event, Trouble):
+                self._flush(now)
+                self._fault(LinkError(f"robot: {event.reason}; told to abort"))
+                return
+            if isinstance(event, Greeted):
+                self._begin(self._get_ready(), self._got_ready)
+            else:
+                self._answered(event)
 
     def _flush(self, now: float) -> None:
         text = self._terminal.take()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,8 @@ import zenoh
 from services.wire.keys import Keys
 from services.wire.session import open_client, open_router
 
+SOON_S = 20.0
+"""Less than what any service waits for when it is not told to stop."""
 NAMES = ("store", "task", "sim", "classifier", "agent", "viewer")
 
 
@@ -54,9 +55,7 @@ def test_all_come_up_and_each_stops_when_told(
 
         wait_until("all alive", lambda: alive() == set(NAMES))
         for name in reversed(NAMES):
-            began = time.monotonic()
-            assert processes[name].stop(number) == 0, name
-            assert time.monotonic() - began < 2.0, name
+            assert processes[name].stop(number, SOON_S) == 0, name
             assert processes[name].err == "", name
         wait_until("all gone", lambda: alive() == set())
     finally:
@@ -70,9 +69,7 @@ def test_one_that_waits_stops_when_told(
 ) -> None:
     process = serve(name, where)
     wait_until("it waits", lambda: "waiting for" in process.out)
-    began = time.monotonic()
-    assert process.stop(number) == 0
-    assert time.monotonic() - began < 2.0
+    assert process.stop(number, SOON_S) == 0
     assert process.err == ""
 
 
@@ -84,9 +81,7 @@ def test_the_router_comes_up_and_stops_when_told(
     process = run_module("services.router", "--listen", endpoint)
     session = open_client([endpoint])
     assert isinstance(session, zenoh.Session)
-    began = time.monotonic()
-    assert process.stop(number) == 0
-    assert time.monotonic() - began < 2.0
+    assert process.stop(number, SOON_S) == 0
     assert (process.out, process.err) == (f"router: listening on {endpoint}\n", "")
     session.close()  # type: ignore[no-untyped-call]
 
@@ -146,7 +141,5 @@ def test_one_that_waits_for_the_router_stops_when_told(
         return bool(int(caught.split()[1], 16) & 1 << signal.SIGTERM - 1) and threads > 1
 
     wait_until("it tries", catches_sigint)
-    began = time.monotonic()
-    assert process.stop(signal.SIGTERM) == 0
-    assert time.monotonic() - began < 2.0
+    assert process.stop(signal.SIGTERM, SOON_S) == 0
     assert process.err == ""

@@ -8,7 +8,6 @@ import pty
 import signal
 import socket
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,8 @@ import pytest
 
 EPISODES = 24
 """More than there are between two checkpoints."""
+SOON_S = 20.0
+"""Less than what anything waits for when it is not told to stop."""
 
 
 @pytest.mark.parametrize(
@@ -97,8 +98,7 @@ def test_a_stopped_run_leaves_nothing_behind_and_goes_on_when_started_again(
     after_actions(endpoint_of(out), 120)
     wait_until("all run", lambda: set(process.children()) == SERVICES)
     pids = list(process.children().values())
-    began = time.monotonic()
-    status = process.stop(number)
+    status = process.stop(number, SOON_S)
     if number == signal.SIGKILL:
         try:
             wait_until("no orphans", lambda: _gone(pids), 10.0)
@@ -107,7 +107,6 @@ def test_a_stopped_run_leaves_nothing_behind_and_goes_on_when_started_again(
                 if not _gone([pid]):
                     os.kill(pid, signal.SIGKILL)
     else:
-        assert time.monotonic() - began < 3.0
         assert status == 130
         assert _gone(pids)
         assert "the same command goes on from there" in process.out
@@ -151,10 +150,8 @@ def test_ctrl_c_in_a_terminal_stops_everything(
             return b"return(10)" in said
 
         wait_until("it shows how it goes", learning)
-        began = time.monotonic()
         os.write(terminal, b"\x03")
-        wait_until("it has ended", ended)
-        assert time.monotonic() - began < 3.0
+        wait_until("it has ended", ended, SOON_S)
     finally:
         if status is None:
             os.kill(pid, signal.SIGKILL)

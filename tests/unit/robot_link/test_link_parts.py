@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
-import pytest
+import time
+from collections.abc import Callable
 
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from services.robot_link import link as links
+from services.robot_link import val2
 from services.robot_link.arrival import SensorClock
 from services.robot_link.channel import RawChannel, Received
 from services.robot_link.dialects import DIALECTS
+from services.robot_link.emulator import poses
+from services.robot_link.emulator.arm import IdealArm
+from services.robot_link.emulator.controller import Controller
 from services.robot_link.emulator.server import Pace
 from services.robot_link.errors import GuardError, LinkError, OtherRunError, OutOfOrderError
 from services.robot_link.link import Link
@@ -14,13 +24,14 @@ from services.robot_link.motion import Arm
 from services.robot_link.robot import Robot
 from services.robot_link.serial_line import LineError
 from services.robot_link.settings import ArmSettings, SettingError
-from services.robot_link.val2 import Terminal
+from services.robot_link.val2 import Terminal, Timing
 from services.wire.actions import Increment
 from services.wire.definition import Definition
 from services.wire.messages import FtPacket, Home, Move
 
 MS = 1_000_000
 DAY = 1_700_000_000_000 * MS
+PLACE = (400.0, 0.0, 100.0, 0.0, 170.0, 0.0)
 NONE = ((0.0, 0.0, 0.0),)
 GOOD = FtPacket(sequence=1, t_ns=1, force_n=NONE, torque_nm=NONE)
 
@@ -127,6 +138,72 @@ def test_a_line_is_opened_again_and_each_loss_is_told() -> None:
     assert not link.ready
     with pytest.raises(LinkError, match="lost"):
         link.run(arm.move(Increment(), 0, 1), lambda _: None)
+
+
+class Wire:
+    """A line to an emulated controller in this process; ``hear`` changes what comes from it, all in one piece."""
+
+    def __init__(self, hear: Callable[[bytes], bytes]) -> None:
+        self.controller, self.hear, self.said = Controller(IdealArm(poses.frame(PLACE, "zyz"))), hear, b""
+
+    def open(self) -> None:
+        """Nothing to open."""
+
+    def read(self, timeout_s: float = 0.0) -> bytes:
+        now_s = time.monotonic()
+        shown = self.controller.receive(self.said, now_s) + self.controller.tick(now_s)
+        self.said = b""
+        return self.hear(shown)
+
+    def write(self, data: bytes) -> None:
+        self.said += data
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+def wired(hear: Callable[[bytes], bytes], lost: Callable[[LinkError], None]) -> Link:
+    """Return a link that waits for nothing longer than 10 ms."""
+    terminal = Terminal(DIALECTS["val2"], Timing(echo_s=0.01, reply_s=0.01, quiet_s=0.0))
+    return Link(Wire(hear), RawChannel(), terminal, Arm(ArmSettings()).get_ready, lost)
+
+
+@pytest.mark.parametrize("behind", [b"nonsense\r\n", b"\r\nPROGRAM COMPLETED\r\n.", b"\x80"])
+def test_an_answer_that_more_comes_behind_in_one_piece_is_a_trouble(
+    behind: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(links, "RETRY_S", (0.0, 0.0))
+    lost: list[str] = []
+    added = 0
+
+    def hear(shown: bytes) -> bytes:
+        nonlocal added
+        if b"\r\n." not in shown or not link.busy or added == 3:
+            return shown
+        added += 1
+        return shown + b"\r\n" + behind
+
+    link = wired(hear, lambda error: lost.append(str(error)))
+    while not link.ready:
+        link.pump(0.0)
+    assert len(lost) == added == 3, lost
+    assert all(said.endswith("; told to abort") for said in lost)
+
+
+@given(
+    st.lists(
+        st.sampled_from([b"", b"\r\nbad\r\n", b"\r\n.", b"\r\n", b"*bad*", b".", b"X", b"\xff", b"*", b"\x00"]),
+        max_size=30,
+    )
+)
+def test_whatever_comes_among_the_answers_no_bytes_crash_the_link(noise: list[bytes]) -> None:
+    pieces = iter(noise)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(links, "RETRY_S", (0.0, 0.0))
+        patch.setattr(val2, "_KNOCK_EVERY_S", 0.001)
+        link = wired(lambda shown: shown + next(pieces, b"") if shown else shown, lambda _: None)
+        while not link.ready:
+            link.pump(0.0)
 
 
 def test_a_plain_channel_passes_bytes_on() -> None:
