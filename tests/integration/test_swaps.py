@@ -24,14 +24,16 @@ from services.wire.messages import Refusal, Swap, Swapped, SwapRequest, Swaps
 from services.wire.swaps import asked_for, in_force, planned, spec
 
 EPISODES = 24
+LONG = 60
+"""Episodes of a run that is still under way when somebody has been killed, has come back, and has asked."""
 SARSA, RHO = "agent:learner=sarsa,alpha=0.2", "classifier:rho=0.97"
 FUZZY, GREEDY = "classifier:classifier=fuzzy-art", "agent:policy=greedy"
 
 
-def in_process(definition: Path, swaps: tuple[Swap, ...]) -> dict[str, str]:
+def in_process(definition: Path, swaps: tuple[Swap, ...], episodes: int = EPISODES) -> dict[str, str]:
     """Return the digests of the run without a bus."""
     run = InProcessRun(load(str(definition)), 1, swaps=swaps)
-    log = list(run.episodes(EPISODES))
+    log = list(run.episodes(episodes))
     return {
         "q_table": run.agent.learner.digest(),
         "art2": run.classifier.network.digest(),
@@ -82,7 +84,7 @@ def waiting(live: Any, wait_until: Callable[..., None]) -> Any:
     return live
 
 
-def kill(live: Any, victim: str) -> None:
+def kill(live: Any, victim: str, episodes: int = EPISODES) -> None:
     """Kill a service and start it again."""
     process = live.processes[victim]
     os.kill(process.popen.pid, signal.SIGKILL)
@@ -90,7 +92,7 @@ def kill(live: Any, victim: str) -> None:
     if victim == "store":
         live.start_store()
     else:
-        live.start_loop(EPISODES, victim)
+        live.start_loop(episodes, victim)
 
 
 @pytest.mark.parametrize(
@@ -123,16 +125,16 @@ def test_a_swap_ends_in_the_same_bytes_with_and_without_a_bus_and_in_the_replay(
 def test_who_is_killed_after_the_acknowledgement_and_before_the_effect_changes_nothing(
     live: Any, operator: Operator, victim: str
 ) -> None:
-    live.start_loop(EPISODES)
+    live.start_loop(LONG)
     live.wait_alive("task", "classifier", "agent")
     live.wait_actions(20)
     first = operator.swap(SARSA)
-    kill(live, victim)
+    kill(live, victim, LONG)
     live.wait_alive("store", "task", "classifier", "agent")
-    second = operator.swap(RHO, first.episode + 5)
+    second = operator.swap(RHO, first.episode + 20)
     live.wait_actions(5)
-    kill(live, victim)
-    assert live.digests() == in_process(live.definition, (first, second))
+    kill(live, victim, LONG)
+    assert live.digests() == in_process(live.definition, (first, second), LONG)
     assert live.experiment().swaps == (first, second)
 
 

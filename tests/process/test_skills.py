@@ -16,8 +16,8 @@ import pytest
 from services.wire import skill as skills
 from services.wire.definition_file import load, run_id
 
-EPISODES = 24
-"""More than there are between two checkpoints."""
+EPISODES = 60
+"""Long enough for a run to be still under way when a command has come up and asked."""
 PATIENCE_S = 120.0
 
 Digests = dict[str, str]
