@@ -271,5 +271,8 @@ def test_killed_at_any_byte_of_a_store_it_leaves_the_old_file_or_the_new(drives:
         most += 1
     assert early >= most - 3, "only the last byte can have made the file"
     assert most == 14 + 14 + 14 + 4 + len(NEW) + 14 + 132 + 2
-    drives.start()[1].close()  # which clears away what the last one has left
+    pid, cable = drives.start()  # which clears away what the last one has left
+    cable.close()
+    os.kill(pid, signal.SIGKILL)
+    assert drives.ended() == -signal.SIGKILL
     assert [path.name for path in drives.folder.iterdir()] == ["A"]
