@@ -35,6 +35,7 @@ print(*(need for need in needs if not need.startswith('numba')), sep='\n')" > ne
     && find /opt/treenail -depth -type d -name tests -exec rm -r {} +
 COPY services services
 COPY experiments experiments
+COPY treenail treenail
 RUN cp compiled/art2_machine_code*.so services/classifier/ \
     && bin/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist . \
     && bin/pip --python /opt/treenail/bin/python install --quiet --no-deps dist/treenail-*.whl

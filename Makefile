@@ -39,7 +39,7 @@ test: check  ## everything: check, then all tests; ARGS="-k art2"
 
 fuzz: setup  ## a million hostile inputs for all that reads, then 20000 for a living cell; ARGS="--inputs 50000"
 	$(BIN)/python -m experiments.fuzz $(ARGS)
-	TREENAIL_FUZZ_CELL=20000 $(BIN)/pytest -s --timeout 1200 tests/integration/test_fuzz_cell.py
+	TREENAIL_FUZZ_CELL=20000 $(BIN)/pytest -s --timeout 1200 tests/system/integration/test_fuzz_cell.py
 
 docs: setup  ## write docs/contract.md again from services/wire
 	$(BIN)/python -m services.wire.contract > docs/contract.md

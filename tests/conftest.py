@@ -96,7 +96,17 @@ def reference(small: Path, tmp_path_factory: pytest.TempPathFactory) -> Referenc
             out = tmp_path_factory.mktemp("reference")
             words = [word for item in overrides for word in ("--set", item)]
             length = ["--episodes", str(episodes), "--seed-list", str(seed)]
-            command = [sys.executable, "-m", "experiments", "run", str(small), *words, *length, "--out", str(out)]
+            command = [
+                sys.executable,
+                "-m",
+                "treenail.commands.experiment",
+                "run",
+                str(small),
+                *words,
+                *length,
+                "--out",
+                str(out),
+            ]
             subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE_S)
             (done,) = json.loads((out / "summary.json").read_text())["runs"]
             assert done["states"] > 3, "an experiment that decides nothing proves nothing"

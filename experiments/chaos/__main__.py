@@ -24,13 +24,13 @@ from experiments.chaos.campaign import RunReport, Settings, carry_out
 from experiments.chaos.clocks import Clocks, NoClocksError
 from experiments.chaos.reference import Reference, undisturbed
 from experiments.chaos.report import as_json, lines, table, well
-from services.wire.command import EXIT_ERROR, Parser
+from services.bus.command import EXIT_ERROR, Parser
+from services.rules.swaps import SPEC, SPEC_HELP
+from services.rules.swaps import planned as swaps_of
 from services.wire.definition import Definition
 from services.wire.definition_file import check_run, load
 from services.wire.errors import TreenailError
 from services.wire.messages import Swap
-from services.wire.swaps import SPEC, SPEC_HELP
-from services.wire.swaps import planned as swaps_of
 
 PROGRAM = "treenail chaos"
 EXIT_DIFFERS, EXIT_INTERRUPTED = 1, 130

@@ -15,8 +15,8 @@ from experiments.chaos.drive import Done, drive
 from experiments.chaos.plan import Disturbance, Plan
 from experiments.chaos.reference import Reference, Verdict, compare, undisturbed
 from experiments.chaos.watch import Watch
-from experiments.results import Digests
-from services.cli.finish import EndedRun, result_of
+from services.cell.ended import EndedRun, result_of
+from services.rules.results import Digests
 from services.wire.definition import Definition
 from services.wire.errors import TreenailError
 from services.wire.messages import JournalEpisode
@@ -28,7 +28,7 @@ class Settings(NamedTuple):
     experiment: str
     overrides: tuple[str, ...]
     swaps: tuple[str, ...]
-    """What is swapped in each run, in the words of ``services.wire.swaps.spec``."""
+    """What is swapped in each run, in the words of ``services.rules.swaps.spec``."""
     definition: Definition
     episodes: int
     first_seed: int

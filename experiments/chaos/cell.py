@@ -16,14 +16,14 @@ from typing import NamedTuple
 
 from experiments.chaos.clocks import Clocks
 from experiments.chaos.line import Faults
-from services.cli import plan as plans
-from services.cli.client import Client
-from services.cli.supervisor import Supervisor
-from services.cli.up import start_services
-from services.wire.command import Parser
+from services.bus.command import Parser
+from services.bus.ports import free_port
+from services.bus.service import Options
+from services.cell import plan as plans
+from services.cell.client import Client
+from services.cell.start import start_services
+from services.cell.supervisor import Supervisor
 from services.wire.errors import CellError
-from services.wire.ports import free_port
-from services.wire.service import Options
 
 TAP_STOPS_S = 3.0
 
@@ -166,7 +166,7 @@ class ChaosCell:
         environment = {**os.environ, **self._near.environment, "PYTHONUNBUFFERED": "1"}
         with self._log.open("wb") as log:
             self._tap = subprocess.Popen(
-                [sys.executable, "-m", "experiments.chaos.tap", *sides, *which],
+                [sys.executable, "-P", "-m", "experiments.chaos.tap", *sides, *which],
                 stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=log,

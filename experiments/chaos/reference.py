@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from experiments.results import Digests, RunResult, episodes_digest
+from services.rules.results import Digests, RunResult, episodes_digest
 from services.wire.definition import Definition
 from services.wire.messages import JournalEpisode, Swap
 
@@ -30,7 +30,7 @@ class Verdict(NamedTuple):
 def undisturbed(definition: Definition, seed: int, episodes: int, swaps: Sequence[Swap] = ()) -> Reference:
     """Run in this process, making swaps on the way, and return what it gave."""
     # Physics and compiled kernels are loaded where they are used: the command would only start more slowly.
-    from experiments.in_process import InProcessRun
+    from experiments.lab.in_process import InProcessRun
 
     run = InProcessRun(definition, seed, swaps=swaps)
     summaries, journal = [], []

@@ -9,11 +9,12 @@ from dataclasses import asdict
 
 from rich.table import Table
 
-from experiments.bench_values import Value, machine, percentile
+from experiments.bench.values import Value, machine
 from experiments.chaos.campaign import RunReport
 from experiments.chaos.drive import Done
 from experiments.chaos.plan import KINDS, SERVICES, Disturbance, Plan
-from experiments.results import Digests
+from services.cell.traffic import percentile
+from services.rules.results import Digests
 
 WORKERS = ("task", "sim", "classifier", "agent")
 TARGET_S = 2.0

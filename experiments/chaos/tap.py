@@ -19,10 +19,10 @@ import zenoh
 from zenoh.handlers import Callback
 
 from experiments.chaos.line import Faults, Line
+from services.bus.command import Parser, run
+from services.bus.session import open_client
 from services.wire import keys as names
-from services.wire.command import Parser, run
 from services.wire.keys import Keys
-from services.wire.session import open_client
 
 PROGRAM = "treenail chaos tap"
 QUERY_WITHIN_S = 30.0

@@ -10,7 +10,7 @@ from itertools import pairwise
 import zenoh
 from zenoh.handlers import Callback
 
-from services.cli.client import Client
+from services.cell.client import Client
 from services.wire.keys import ACTION, REWARD
 from services.wire.messages import Action, Alive, Reward
 

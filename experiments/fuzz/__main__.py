@@ -9,7 +9,7 @@ from collections.abc import Callable
 from experiments.fuzz import guided
 from experiments.fuzz.campaign import Report, all_targets, campaign, input_of
 from experiments.fuzz.target import outcome
-from services.wire.command import Parser
+from services.bus.command import Parser
 
 HANGS_AFTER_S = 60
 """A reader that does not come back within this hangs; the process then ends with a traceback of where."""

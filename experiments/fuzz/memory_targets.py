@@ -13,12 +13,13 @@ from experiments.fuzz.sound import DEFINITION, DIRECTIONS, RUN, SEED, TORQUE, Sm
 from experiments.fuzz.target import Input, Target, promise
 from services.agent.fold import AgentFold
 from services.classifier.fold import ClassifierFold
+from services.rules.skill_memory import check_agent, check_classifier
 from services.wire import codec
 from services.wire.definition import Art2Settings, Definition
-from services.wire.definition_file import check, contradiction, definition_sha256, parse
+from services.wire.definition_file import check, definition_sha256, parse
+from services.wire.definition_rules import contradiction
 from services.wire.errors import BadPayloadError, DefinitionError, FoldError
 from services.wire.messages import Force, Observation, Outcome, Reward, RunRecord, State
-from services.wire.skill_memory import check_agent, check_classifier
 
 _TOML_WORDS = (
     "=", "\n", "[", "]", "[[", "{", "}", '"', "'''", "#", ".", "1e999", "-inf", "nan", "0x" + "f" * 90, "9" * 4400,

@@ -9,7 +9,7 @@ from typing import Any
 import msgspec
 
 from experiments.fuzz.mutate import Node
-from experiments.skills import skill_from
+from experiments.lab.skills import skill_from
 from services.agent.fold import AgentFold
 from services.classifier.fold import ClassifierFold
 from services.wire.actions import action_names

@@ -13,12 +13,15 @@ from experiments.fuzz.mutate import TEXTS, hostile_memory, mutate_bytes, mutate_
 from experiments.fuzz.sound import RUN, SmallRun
 from experiments.fuzz.target import Input, Target, promise
 from services.agent.fold import AgentFold
+from services.bus import answers
 from services.classifier.fold import ClassifierFold
+from services.rules import skill
 from services.store.contents import check
 from services.store.values import Delete, key_range, zenoh_timestamp
-from services.wire import answers, codec, skill
+from services.wire import codec
 from services.wire.errors import BadPayloadError, ContractError, TreenailError
 from services.wire.keys import Keys
+from services.wire.message_base import LARGEST_COMPONENT
 from services.wire.messages import MESSAGES, Checkpoint, JournalEpisode, Message, RunRecord, Skill
 
 _ENCODINGS = (
@@ -231,7 +234,7 @@ def _parameters() -> list[Target]:
 
     def vector(given: Input) -> None:
         force_n, torque_nm = answers.ft_vector(given)
-        promise(all(abs(item) <= answers.LARGEST_COMPONENT for item in (*force_n, *torque_nm)), "a force out of range")
+        promise(all(abs(item) <= LARGEST_COMPONENT for item in (*force_n, *torque_nm)), "a force out of range")
 
     def cell(given: Input) -> None:
         key = Keys(given).of("ft")

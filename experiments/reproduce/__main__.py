@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from services.wire.command import EXIT_ERROR, Parser
+from services.bus.command import EXIT_ERROR, Parser
 from services.wire.errors import TreenailError
 
 PROGRAM = "treenail reproduce"

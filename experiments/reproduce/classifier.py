@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from experiments.recordings import THESIS_VECTORS, Supervised, cell
+from experiments.lab.recordings import THESIS_VECTORS, Supervised, cell
 from experiments.reproduce import classifier_thesis as thesis
 from experiments.reproduce.chapter import Block, Chapter, Heading, Table, Text
 from experiments.reproduce.classifier_counts import counts

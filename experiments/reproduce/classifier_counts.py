@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from msgspec.structs import replace
 
-from experiments.recordings import Supervised
+from experiments.lab.recordings import Supervised
 from experiments.reproduce import classifier_figures as figures
 from experiments.reproduce import classifier_thesis as thesis
 from experiments.reproduce.chapter import Block, Comparison, Comparisons, Figure, Heading, Table, in_all_seeds

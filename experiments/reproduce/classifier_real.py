@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from msgspec.structs import replace
 
-from experiments.contact_states import Sample
-from experiments.recordings import COLUMNS, FAILURES, SAMPLES, DataError, Execution, read_failures
+from experiments.lab.contact_states import Sample
+from experiments.lab.recordings import COLUMNS, FAILURES, SAMPLES, DataError, Execution, read_failures
 from experiments.reproduce import classifier_thesis as thesis
 from experiments.reproduce.chapter import Block, Comparison, Comparisons, Heading, Table, Text
 from experiments.reproduce.classifier_runs import SETTINGS, Groups, Learnt, Shown, Source, learnt, looked_at, settled_at

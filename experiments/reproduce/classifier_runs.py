@@ -12,9 +12,9 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from experiments.agreement import adjusted_rand_index, purity
-from experiments.contact_states import Sample
-from experiments.recordings import Supervised, cell, record
+from experiments.lab.agreement import adjusted_rand_index, purity
+from experiments.lab.contact_states import Sample
+from experiments.lab.recordings import Supervised, cell, record
 from experiments.reproduce.context import Context
 from services.classifier.art2 import Art2
 from services.wire.definition import Art2Settings

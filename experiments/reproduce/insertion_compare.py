@@ -12,7 +12,7 @@ from experiments.reproduce.chapter import Comparison
 from experiments.reproduce.insertion_runs import Gone
 from experiments.reproduce.insertion_thesis import Reported
 from experiments.reproduce.verdicts import at_least, at_most, near
-from experiments.results import steady_after
+from services.rules.results import steady_after
 
 RETURN_TOLERANCE = 0.25
 """As a part of the thesis's return."""

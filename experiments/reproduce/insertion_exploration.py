@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from msgspec.structs import replace
 
-from experiments.in_process import InProcessRun
+from experiments.lab.in_process import InProcessRun
 from experiments.reproduce.chapter import Table
 from experiments.reproduce.context import Context
 from experiments.reproduce.verdicts import interval

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.agreement import adjusted_rand_index, contingency, purity
-from experiments.in_process import InProcessRun
+from experiments.lab.agreement import adjusted_rand_index, contingency, purity
+from experiments.lab.in_process import InProcessRun
 from services.wire.definition import Definition
 from services.wire.definition_file import definition_sha256, load
 from services.wire.errors import TreenailError

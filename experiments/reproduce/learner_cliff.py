@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.gridworlds import CLIFF
 from experiments.reproduce import learner_figures as figures
 from experiments.reproduce.chapter import (
     Block,
@@ -21,6 +20,7 @@ from experiments.reproduce.chapter import (
 )
 from experiments.reproduce.context import Context
 from experiments.reproduce.figures import BLUE, VERMILION, moving_average
+from experiments.reproduce.gridworlds import CLIFF
 from experiments.reproduce.learner_maze import GOAL, NAMES, most
 from experiments.reproduce.learner_runs import CIRCLES, Kind, Learnt, Run, learn
 from experiments.reproduce.verdicts import always, among

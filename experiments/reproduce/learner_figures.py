@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
-from experiments.gridworlds import OFFSETS, Move
 from experiments.reproduce.figures import (
     BLUE,
     COLOURS,
@@ -22,6 +21,7 @@ from experiments.reproduce.figures import (
     moving_average,
     svg,
 )
+from experiments.reproduce.gridworlds import OFFSETS, Move
 from services.agent.policies import probabilities
 from services.wire.definition import EpsilonAnnealed, Softmax
 

@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.gridworlds import MAZES
 from experiments.reproduce import learner_figures as figures
 from experiments.reproduce.chapter import (
     Block,
@@ -21,6 +20,7 @@ from experiments.reproduce.chapter import (
     in_all_seeds,
 )
 from experiments.reproduce.context import Context
+from experiments.reproduce.gridworlds import MAZES
 from experiments.reproduce.learner_runs import KINDS, POLICIES, Kind, Learnt, Place, Run, learn
 
 GOAL = 14

@@ -11,7 +11,7 @@ from multiprocessing import connection
 from multiprocessing.context import SpawnProcess
 from typing import Any, Generic, TypeVar
 
-from experiments.children import GRACE_S, POLL_S, how_it_ended, interrupt_noted, start
+from experiments.lab.children import GRACE_S, POLL_S, how_it_ended, interrupt_noted, start
 from services.wire.errors import TreenailError
 
 K = TypeVar("K")

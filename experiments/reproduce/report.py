@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from experiments.bench_values import cpu_name
+from experiments.bench.values import cpu_name
+from experiments.lab.run import usable_cores
 from experiments.reproduce import page, progress
 from experiments.reproduce.cache import Cache
 from experiments.reproduce.chapter import CannotRun, Section
@@ -18,7 +19,6 @@ from experiments.reproduce.code import code_sha256
 from experiments.reproduce.context import Context
 from experiments.reproduce.page import Done
 from experiments.reproduce.sections import SECTIONS
-from experiments.run import usable_cores
 from services.wire.codec import contract_sha256
 from services.wire.errors import TreenailError
 from services.wire.version import version

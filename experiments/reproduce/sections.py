@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from importlib import import_module
+from functools import partial
 
 from experiments.reproduce.chapter import CannotRun, Chapter, Section
 from experiments.reproduce.context import Context
 
 
-def _from(module: str) -> Callable[[Context], Chapter]:
-    """Return the ``chapter`` of a module, which is loaded when it runs: a missing library stops no other section."""
-
-    def run(context: Context) -> Chapter:
-        try:
-            made: Callable[[Context], Chapter] = import_module(f"experiments.reproduce.{module}").chapter
-        except ModuleNotFoundError as error:
-            if (error.name or "").split(".")[0] in ("experiments", "services"):
-                raise
-            raise CannotRun(f"the package {error.name} is not installed") from error
-        return made(context)
-
-    return run
+def _chapter(name: str, context: Context) -> Chapter:
+    """Run a chapter's module, which is loaded only now: a missing library stops no other section."""
+    try:
+        match name:
+            case "learners":
+                from experiments.reproduce.learners import chapter
+            case "classifier":
+                from experiments.reproduce.classifier import chapter
+            case "uncertainty":
+                from experiments.reproduce.uncertainty import chapter
+            case _:
+                from experiments.reproduce.insertion import chapter
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] in ("experiments", "services"):
+            raise
+        raise CannotRun(f"the package {error.name} is not installed") from error
+    return chapter(context)
 
 
 SECTIONS = (
-    Section("learners", "Learning agent (4.2, 4.5.1, Appendix A.1)", _from("learners")),
-    Section("classifier", "Contact states (4.5.2, Appendix A.2)", _from("classifier")),
-    Section("uncertainty", "Uncertainty of the cell (5.1, Appendix B.1)", _from("uncertainty")),
-    Section("insertion", "Insertions (chapter 6, Appendix B.2)", _from("insertion")),
+    Section("learners", "Learning agent (4.2, 4.5.1, Appendix A.1)", partial(_chapter, "learners")),
+    Section("classifier", "Contact states (4.5.2, Appendix A.2)", partial(_chapter, "classifier")),
+    Section("uncertainty", "Uncertainty of the cell (5.1, Appendix B.1)", partial(_chapter, "uncertainty")),
+    Section("insertion", "Insertions (chapter 6, Appendix B.2)", partial(_chapter, "insertion")),
 )

@@ -57,7 +57,7 @@ def chapter(context: Context) -> Chapter:
 
 def thesis() -> Measured:
     """Return the thesis's figures."""
-    facts = tomllib.loads((files("experiments") / "thesis_cell.toml").read_text())
+    facts = tomllib.loads((files("experiments.reproduce") / "thesis_cell.toml").read_text())
     motion = dict(facts["motion"])
     commanded = float(motion.pop("commanded_mm"))
     return Measured(facts["sensor"], commanded, {name: np.array(rows) for name, rows in motion.items()})

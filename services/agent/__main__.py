@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 
 from services.agent.service import serve
-from services.wire import command
+from services.bus import command
 
 
 def main() -> None:

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from services.agent.learning import Learner as TdLearner
-from services.wire import plugins
+from services.rules import plugins
+from services.rules.place import Place, split_place, with_place
+from services.rules.plugins import Learner
+from services.rules.timeline import Timeline
 from services.wire.definition import Definition, Plugin
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
 from services.wire.messages import Action, JournalEpisode, Reward, Skill, State, Swap
-from services.wire.place import Place, split_place, with_place
-from services.wire.plugins import Learner
-from services.wire.timeline import Timeline
 
 _FORGOTTEN = "fold_forgotten"
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from services.agent.fold import AgentFold
 from services.agent.learning import MAX_STATES
+from services.bus.answers import Asked, Request, ft_vector, state_number
+from services.bus.relay import Relay
+from services.bus.service import Options, Service
+from services.bus.worker import Worker
 from services.wire.actions import action_names
-from services.wire.answers import Asked, Request, ft_vector, state_number
 from services.wire.errors import BadPayloadError, RefusedError
 from services.wire.keys import ACTION, CLASSIFY, POLICY, Q_TABLE, REWARD, STATE
 from services.wire.messages import Action, Classified, Experiment, PolicyAnswer, QTable, Reward, State
-from services.wire.relay import Relay
-from services.wire.service import Options, Service
-from services.wire.worker import Worker
 
 CLASSIFIER_WITHIN_S = 1.0
 """How long the classifier has for its part of a policy query: less than any client waits for ours."""

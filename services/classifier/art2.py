@@ -32,8 +32,8 @@ from numpy.typing import NDArray
 from services.classifier import art2_kernel as kernel
 from services.classifier import memory
 from services.classifier.encoding import encode, input_count
+from services.rules.plugins import Classification, ClassifierFullError
 from services.wire.definition import Art2Settings
-from services.wire.plugins import Classification, ClassifierFullError
 
 
 class Art2:

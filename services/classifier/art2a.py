@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from services.classifier import memory
 from services.classifier.encoding import encode
+from services.rules.plugins import Classification, ClassifierFullError, settings_as
 from services.wire.definition import Setting
-from services.wire.plugins import Classification, ClassifierFullError, settings_as
 
 _INPUTS = 12
 _LONGEST = 1.0 + 1e-9
@@ -40,7 +40,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 class Art2A:
-    """artlib's ART2A. See ``services.wire.plugins.Classifier`` for what its methods promise."""
+    """artlib's ART2A. See ``services.rules.plugins.Classifier`` for what its methods promise."""
 
     encoding = "split"
 

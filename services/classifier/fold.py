@@ -8,13 +8,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from services.classifier.art2 import Art2
-from services.wire import plugins
+from services.rules import plugins
+from services.rules.place import Place, split_place, with_place
+from services.rules.plugins import Classifier, ClassifierFullError
+from services.rules.timeline import Timeline
 from services.wire.definition import Art2Settings, ClassifierSettings, Definition
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
 from services.wire.messages import JournalEpisode, Observation, Skill, State, Swap
-from services.wire.place import Place, split_place, with_place
-from services.wire.plugins import Classifier, ClassifierFullError
-from services.wire.timeline import Timeline
 
 
 def classifier_of(settings: ClassifierSettings) -> Classifier:

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from services.classifier import memory
 from services.classifier.encoding import encode
+from services.rules.plugins import Classification, ClassifierFullError, settings_as
 from services.wire.definition import Setting
-from services.wire.plugins import Classification, ClassifierFullError, settings_as
 
 _COMPONENTS = 6
 _INPUTS = 2 * _COMPONENTS
@@ -42,7 +42,7 @@ class Settings(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
 
 
 class FuzzyArt:
-    """A Fuzzy ART module. See ``services.wire.plugins.Classifier`` for what its methods promise."""
+    """A Fuzzy ART module. See ``services.rules.plugins.Classifier`` for what its methods promise."""
 
     encoding = "complement"
 

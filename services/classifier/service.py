@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from services.bus.answers import Request, ft_vector
+from services.bus.service import Options, Service
+from services.bus.worker import Worker
 from services.classifier.fold import ClassifierFold
-from services.wire.answers import Request, ft_vector
 from services.wire.errors import BadPayloadError
 from services.wire.keys import CLASSIFIER_STATES, CLASSIFY, OBSERVATION, STATE
 from services.wire.messages import Classified, ClassifierStates, Experiment, Observation, State
-from services.wire.service import Options, Service
-from services.wire.worker import Worker
 
 
 def blank(experiment: Experiment) -> ClassifierFold:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import sys
 
-from services.robot_link import settings, supervisory
+from services.bus import command
+from services.robot_link import settings
 from services.robot_link.channel import Channel, RawChannel
+from services.robot_link.ddcmp import supervisory
 from services.robot_link.service import serve
-from services.wire import command
 
 
 def main() -> None:

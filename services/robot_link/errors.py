@@ -27,21 +27,3 @@ class BusyError(RefusedError):
     """Another motion is under way."""
 
     reason = "not_ready"
-
-
-class OutOfOrderError(RefusedError):
-    """A motion that is neither the next one nor the last one again."""
-
-    reason = "out_of_order"
-
-
-class GuardError(RefusedError):
-    """A motion that the guard refuses."""
-
-    reason = "guard"
-
-
-class OtherRunError(RefusedError):
-    """A motion of another run than the task's."""
-
-    reason = "foreign_run"

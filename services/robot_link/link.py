@@ -13,9 +13,9 @@ from typing import Protocol
 
 from services.robot_link.channel import Channel
 from services.robot_link.errors import BusyError, ControllerError, LinkError
-from services.robot_link.motion import Command, Pause, Script
 from services.robot_link.serial_line import LineError
-from services.robot_link.val2 import Answer, Event, Greeted, State, Terminal, Trouble
+from services.robot_link.val2.motion import Command, Pause, Script
+from services.robot_link.val2.terminal import Answer, Event, Greeted, State, Terminal, Trouble
 from services.wire.actions import Increment
 
 RETRY_S = (0.05, 2.0)

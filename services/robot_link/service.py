@@ -8,23 +8,23 @@ from __future__ import annotations
 
 import time
 
+from services.bus.answers import Asked, Request
+from services.bus.service import Options, Service
 from services.robot_link.arrival import SensorClock
 from services.robot_link.channel import Channel
-from services.robot_link.dialects import DIALECTS
 from services.robot_link.errors import BusyError, LinkError
 from services.robot_link.link import Link
-from services.robot_link.motion import Arm, Script
-from services.robot_link.robot import Robot
 from services.robot_link.serial_line import Line
 from services.robot_link.settings import Settings
-from services.robot_link.val2 import Terminal
+from services.robot_link.val2.dialects import DIALECTS
+from services.robot_link.val2.motion import Arm, Script
+from services.robot_link.val2.terminal import Terminal
+from services.rules.guard import increment_of
+from services.rules.motions import Robot
 from services.wire.actions import Increment
-from services.wire.answers import Asked, Request
 from services.wire.errors import ContractError, NoAnswerError, RefusedError
-from services.wire.guard import increment_of
 from services.wire.keys import EXPERIMENT, FT, HOME, MOVE
 from services.wire.messages import Experiment, FtPacket, Home, Move, Moved
-from services.wire.service import Options, Service
 
 _IDLE_S, _BUSY_S = 0.02, 0.005
 _EVENTS = 64

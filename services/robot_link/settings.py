@@ -7,9 +7,9 @@ import re
 from dataclasses import dataclass, field
 from typing import Literal
 
-from services.robot_link.dialects import DIALECTS, Name
-from services.robot_link.oat import CONVENTIONS, Convention
 from services.robot_link.serial_line import LineSettings
+from services.robot_link.val2.dialects import DIALECTS, Name
+from services.robot_link.val2.oat import CONVENTIONS, Convention
 from services.wire.errors import TreenailError
 
 Prompt = Literal["started", "arrived"]

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import sys
 
-from services.wire import command
-from services.wire.heartbeat import touch_heartbeat
-from services.wire.session import DEFAULT_ENDPOINT, DEFAULT_SECURE_ENDPOINT, open_router
-from services.wire.stop_flag import StopFlag
+from services.bus import command
+from services.bus.heartbeat import touch_heartbeat
+from services.bus.session import DEFAULT_ENDPOINT, DEFAULT_SECURE_ENDPOINT, open_router
+from services.bus.stop_flag import StopFlag
 
 
 def main() -> None:

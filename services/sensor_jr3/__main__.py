@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import sys
 
+from services.bus import command
 from services.sensor_jr3 import settings
 from services.sensor_jr3.service import serve
-from services.wire import command
 
 
 def main() -> None:

@@ -8,8 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from services.bus import command
 from services.sensor_jr3.card import SettingError
-from services.wire import command
 from services.wire.text import one_line
 
 SOURCE = Path(__file__).with_name("port.c")

@@ -10,11 +10,11 @@ import logging
 import sys
 import threading
 
+from services.bus import command
+from services.bus.stop_flag import StopFlag
 from services.sensor_jr3.settings import address
 from services.sensor_jr3.transports import open_card
 from services.sensor_jr3.word_server import WordServer
-from services.wire import command
-from services.wire.stop_flag import StopFlag
 
 
 def main() -> None:

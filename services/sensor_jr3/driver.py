@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from services.rules.ft_counts import AXES, LEAST_COUNTS, UNITS, CountsError, FtCounts
 from services.sensor_jr3 import memory_map as jr3
 from services.sensor_jr3.card import (
     ChangedError,
@@ -23,9 +24,8 @@ from services.sensor_jr3.card import (
 )
 from services.sensor_jr3.status import USELESS, troubles
 from services.sensor_jr3.transform import Link, words
-from services.wire.answers import LARGEST_COMPONENT
 from services.wire.errors import TreenailError
-from services.wire.ft_counts import AXES, LEAST_COUNTS, UNITS, CountsError, FtCounts
+from services.wire.message_base import LARGEST_COMPONENT
 
 ZERO = ("no", "reset", "filter0")
 COMMAND_TIMEOUT_S = 1.0

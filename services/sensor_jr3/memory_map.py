@@ -24,7 +24,7 @@ class Field(NamedTuple):
     length: int
     kind: Kind
     unit: str
-    """``force`` and ``moment`` are the receiver's own unit, see services.wire.ft_counts.UNITS."""
+    """``force`` and ``moment`` are the receiver's own unit, see services.rules.ft_counts.UNITS."""
     access: Access
     """``write`` also reads."""
     source: str

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 
+from services.bus.service import Options, Service
 from services.sensor_jr3 import memory_map as jr3
 from services.sensor_jr3.card import Card, CardError, ChangedError, NoCardError, NoSensorError
 from services.sensor_jr3.driver import Driver
@@ -17,7 +18,6 @@ from services.sensor_jr3.stream import Stream, pace_of
 from services.sensor_jr3.transports import open_card
 from services.wire.keys import FT
 from services.wire.messages import Force, FtPacket, Torque
-from services.wire.service import Options, Service
 
 COLLECT_S = 0.005
 """How long is waited for samples before queries have their turn."""

@@ -5,13 +5,13 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass, field
 
+from services.rules.ft_counts import UNITS
 from services.sensor_jr3 import mount, transform
 from services.sensor_jr3.card import SettingError
 from services.sensor_jr3.driver import ZERO, Setup
 from services.sensor_jr3.mount import Mount
 from services.sensor_jr3.stream import pace_of
 from services.sensor_jr3.transports import check
-from services.wire.ft_counts import UNITS
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 
+from services.bus import command
 from services.sim.service import serve
-from services.wire import command
 
 
 def main() -> None:

@@ -11,14 +11,14 @@ from __future__ import annotations
 
 import math
 
+from services.rules.ft_counts import FtCounts
+from services.rules.guard import Guard, increment_of
+from services.rules.motions import GuardError, OtherRunError, OutOfOrderError
 from services.sim.arm import Arm
 from services.sim.pose import Pose
 from services.sim.world import Reading, World
 from services.wire.actions import Increment
 from services.wire.definition import Definition, Sensor
-from services.wire.errors import RefusedError
-from services.wire.ft_counts import FtCounts
-from services.wire.guard import Guard, increment_of
 from services.wire.messages import Force, FtPacket, Home, Move, Moved, Torque
 from services.wire.randomness import Role, generator
 
@@ -27,24 +27,6 @@ MOTION_NS = 20_000_000
 SATURATED = 1
 """Bit of ``FtPacket.status``."""
 _MOTIONS_PER_EPISODE = 2**17
-
-
-class OutOfOrderError(RefusedError):
-    """A motion that is neither the next one nor the last one again."""
-
-    reason = "out_of_order"
-
-
-class GuardError(RefusedError):
-    """A motion that the guard refuses."""
-
-    reason = "guard"
-
-
-class OtherRunError(RefusedError):
-    """A motion of another run than this cell's."""
-
-    reason = "foreign_run"
 
 
 class SimulatedCell:

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import time
 
+from services.bus.service import Service
+from services.rules.progress import LINE_EVERY_S, Progress
 from services.wire.keys import EPISODE
 from services.wire.messages import Alive, EpisodeSummary, Experiment
-from services.wire.progress import LINE_EVERY_S, Progress
-from services.wire.service import Service
 
 
 def follow(service: Service, experiment: Experiment) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 
+from services.bus.answers import Request
+from services.bus.service import Options, Service
 from services.sim.cell import SimulatedCell
 from services.sim.progress import follow
-from services.wire.answers import Request
 from services.wire.errors import ContractError, NoAnswerError
 from services.wire.keys import EXPERIMENT, FT, HOME, MOVE, TRUTH
 from services.wire.messages import Experiment, FtPacket, Home, Move, Moved, Truth
-from services.wire.service import Options, Service
 
 TRUTH_EVERY_S = 1 / 30
 

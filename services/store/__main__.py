@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+from services.bus import command
 from services.store.retention import RetentionSettings
 from services.store.service import serve
-from services.wire import command
 
 
 def main() -> None:

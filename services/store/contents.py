@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 
+from services.rules.skill import decode as decode_skill
 from services.wire.codec import decode
 from services.wire.errors import BadPayloadError
 from services.wire.keys import LATEST, SKILL, SWAPS
 from services.wire.messages import Checkpoint, JournalEpisode, RunRecord, Swaps
-from services.wire.skill import decode as decode_skill
 from services.wire.text import one_line
 
 _CHECKPOINT = re.compile(r"checkpoint/([^/]+)/([^/]+)/([0-9]{8}|latest)")

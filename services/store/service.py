@@ -10,16 +10,16 @@ from pathlib import Path
 
 import zenoh
 
+from services.bus.answers import parameters_of, wants_json
+from services.bus.service import Options, Service
 from services.store.contents import check
 from services.store.database import Database
 from services.store.retention import RetentionSettings, removable
 from services.store.sqlite_file import StoreError, StoreFullError
 from services.store.values import Delete, Put, StoredValue, timestamp_text, zenoh_timestamp
-from services.wire.answers import parameters_of, wants_json
 from services.wire.codec import decode_any, encode, encode_json, encoding_of
 from services.wire.errors import BadPayloadError, CellError, TreenailError
 from services.wire.messages import Refusal
-from services.wire.service import Options, Service
 from services.wire.text import one_line
 
 STORED = ("checkpoint/**", "journal/**")

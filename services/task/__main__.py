@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import sys
 
+from services.bus import command
+from services.rules.swaps import SPEC, SPEC_HELP, planned
 from services.task.service import serve
-from services.wire import command
 from services.wire.definition_file import check_run, load
-from services.wire.swaps import SPEC, SPEC_HELP, planned
 
 
 def main() -> None:

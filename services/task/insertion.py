@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
+from services.rules.swaps import fresh_at, known_in
 from services.task.rewards import reward_of_move
 from services.wire.actions import INSERT, Increment, increments
 from services.wire.definition import Definition
@@ -33,7 +34,6 @@ from services.wire.messages import (
     Torque,
 )
 from services.wire.randomness import Role, generator
-from services.wire.swaps import fresh_at, known_in
 
 
 class Felt(NamedTuple):

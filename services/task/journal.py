@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple, TypeVar
 
+from services.bus.service import Service
 from services.wire.codec import decode
 from services.wire.errors import CellError, ContractError
 from services.wire.keys import LATEST
 from services.wire.messages import JournalEpisode, Message, RunRecord, Swap, Swaps
-from services.wire.service import Service
 
 RETRY_S = 0.5
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 
+from services.bus.service import Service
 from services.wire.keys import FT, HOME, MOVE
 from services.wire.messages import FtPacket, Home, Move, Moved, Refusal
-from services.wire.service import Service
 
 FELT_WITHIN_S = 0.5
 RETRY_S = 0.05

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from services.bus.service import Service
+from services.rules.skill import NamedSkill
 from services.task.insertion import Insertion
 from services.task.journal import Journal, put_and_confirm, read
 from services.task.swaps import Swaps
@@ -9,8 +11,6 @@ from services.wire.definition import Definition
 from services.wire.definition_file import definition_sha256, run_id
 from services.wire.keys import SKILL
 from services.wire.messages import Experiment, Home, JournalEpisode, Reward, RunRecord, Skill
-from services.wire.service import Service
-from services.wire.skill import NamedSkill
 
 
 class TaskRun:

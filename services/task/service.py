@@ -6,17 +6,17 @@ import time
 from collections.abc import Sequence
 from functools import partial
 
+from services.bus.answers import Request
+from services.bus.service import HEARTBEAT_S, Options, Service
+from services.bus.worker import NO_MEMORY
+from services.rules.swaps import planned
 from services.task.robot import Robot
 from services.task.run import TaskRun
 from services.task.skills import Skills
-from services.wire.answers import Request
 from services.wire.definition import Definition
 from services.wire.errors import DivergedError, ForeignRunError, GapError
 from services.wire.keys import ACTION, EPISODE, EXPERIMENT, OBSERVATION, REWARD, SWAP, TASK_STEPS
 from services.wire.messages import Action, Alive, EpisodeSummary, Home, Move, Observation, Reward, Swapped, SwapRequest
-from services.wire.service import HEARTBEAT_S, Options, Service
-from services.wire.swaps import planned
-from services.wire.worker import NO_MEMORY
 
 WORKERS = ("classifier", "agent")
 REPEAT_S = 1.0
@@ -26,7 +26,7 @@ REPEAT_S = 1.0
 def serve(options: Options, definition: Definition, seed: int, episodes: int, swaps: Sequence[str] = ()) -> None:
     """Run ``episodes`` episodes of a definition with a seed, going on where the store's journal ends.
 
-    ``swaps`` are those that the run has from its beginning, in the words of ``services.wire.swaps.spec``. In a fleet,
+    ``swaps`` are those that the run has from its beginning, in the words of ``services.rules.swaps.spec``. In a fleet,
     the first cell takes the seed, the second the next one, and so on.
     """
     with Service("task", options) as service:

@@ -11,15 +11,15 @@ from typing import NamedTuple
 
 import zenoh
 
+from services.bus.service import Service
+from services.rules import skill
+from services.rules.skill import NamedSkill, SkillError
 from services.task.journal import RETRY_S, Journal
-from services.wire import skill
 from services.wire.codec import decode
 from services.wire.definition import Definition
 from services.wire.errors import ContractError
 from services.wire.keys import LATEST, SKILL
 from services.wire.messages import RunRecord
-from services.wire.service import Service
-from services.wire.skill import NamedSkill, SkillError
 
 
 class Chosen(NamedTuple):

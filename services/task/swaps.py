@@ -6,14 +6,14 @@ run, and no episode begins before the store has given it back.
 
 from __future__ import annotations
 
+from services.bus.service import Service
+from services.rules.plugins import PluginError
+from services.rules.swaps import check_episode, made, words
 from services.task.journal import RETRY_S, read
 from services.wire import messages
 from services.wire.errors import CellError, SwapError
 from services.wire.keys import SWAPS
 from services.wire.messages import RunRecord, Swap, Swapped, SwapRequest
-from services.wire.plugins import PluginError
-from services.wire.service import Service
-from services.wire.swaps import check_episode, made, words
 
 
 class Swaps:

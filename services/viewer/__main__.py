@@ -6,8 +6,8 @@ import argparse
 import sys
 from pathlib import Path
 
+from services.bus import command
 from services.viewer.service import Settings, serve
-from services.wire import command
 
 
 def main() -> None:

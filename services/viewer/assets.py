@@ -14,7 +14,7 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from services.wire.command import DIE_WITH_PARENT
+from services.bus.command import DIE_WITH_PARENT
 from services.wire.errors import CellError
 
 KINDS = {
@@ -32,7 +32,7 @@ _PATIENCE_S = 20.0
 _ADDRESS = re.compile(r"Hosting a web-viewer at (http://127\.0\.0\.1:[0-9]+)")
 # Rerun's server has no lifeline of its own: it would outlive a viewer that is killed meanwhile.
 _LAUNCH = (
-    "import os, sys; from services.wire.command import die_with_parent; die_with_parent(); "
+    "import os, sys; from services.bus.command import die_with_parent; die_with_parent(); "
     "os.execv(sys.argv[1], sys.argv[1:])"
 )
 

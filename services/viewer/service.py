@@ -12,6 +12,7 @@ from typing import Generic, TypeVar
 import zenoh
 from zenoh.handlers import FifoChannel, RingChannel
 
+from services.bus.service import Options, Service
 from services.viewer import record
 from services.viewer.address import bracketed
 from services.viewer.stream import Stream
@@ -30,7 +31,6 @@ from services.wire.messages import (
     State,
     Truth,
 )
-from services.wire.service import Options, Service
 
 M = TypeVar("M", bound=Message)
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
+from services.bus import ports
 from services.viewer import colours, layout, record, shapes
 from services.viewer.address import bracketed
 from services.viewer.decimate import Nanoseconds
-from services.wire import ports
 from services.wire.definition import Definition
 from services.wire.errors import CellError
 

@@ -15,7 +15,7 @@ from typing import Any, TypeVar
 import msgpack
 import msgspec
 
-from services.wire.definition_file import contradiction
+from services.wire.definition_rules import contradiction
 from services.wire.errors import BadPayloadError, WrongTypeError, WrongVersionError
 from services.wire.messages import MESSAGES, Experiment, Message, RunRecord, Skill
 from services.wire.text import one_line

@@ -1,6 +1,6 @@
 """The experiment definition: every setting that a run's result depends on, as closed, frozen, checked types.
 
-One TOML file holds one definition (``experiments/definitions/*.toml``). Units are in the field names. All ranges are
+One TOML file holds one definition (``services/wire/definitions/*.toml``). Units are in the field names. All ranges are
 closed intervals and are enforced on load; see ``definition_file.py`` for reading, overriding and hashing.
 
 Frames: the *hole frame* has its origin in the centre of the hole's mouth and +Z pointing into the hole. The *tool

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import difflib
 import hashlib
-import math
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
@@ -18,9 +17,9 @@ from typing import get_args, get_type_hints
 
 import msgspec
 
-from services.wire.definition import Art2Settings, Definition
+from services.wire.definition import Definition
+from services.wire.definition_rules import contradiction
 from services.wire.errors import DefinitionError, TreenailError
-from services.wire.guard import obstruction
 from services.wire.randomness import MAX_SEED
 from services.wire.text import one_line
 
@@ -33,13 +32,11 @@ _USUAL_KINDS = {"classifier": "art2", "learner": "q_learning"}
 """What these tables are when they do not say so."""
 _MAX_LINE = 1000
 """Characters of a line. Python's TOML reader takes time with the square of a dotted key's parts."""
-_SOFTEST_N_PER_MM = 1.0
-"""A peg softer than this sinks into the material instead of touching it."""
 
 
 def shipped() -> dict[str, Path]:
     """Return the definitions that come with Treenail, by name."""
-    folder = Path(str(files("experiments"))) / "definitions"
+    folder = Path(str(files("services.wire"))) / "definitions"
     return {path.stem: path for path in sorted(folder.glob("*.toml"))}
 
 
@@ -141,82 +138,6 @@ def run_id(definition: Definition, seed: int, skill_sha256: str | None = None) -
 def run_id_of(sha256: str, seed: int, skill_sha256: str | None = None) -> str:
     """Return the name of the run of a definition known by its hash."""
     return f"{sha256[:16]}-s{seed}" + ("" if skill_sha256 is None else f"-k{skill_sha256[:16]}")
-
-
-def contradiction(definition: Definition) -> tuple[str, str] | None:
-    """Return a key whose value cannot be used beside the others, with what was expected and got; None for none.
-
-    It is what no single field can show: a definition without one can be simulated and learnt.
-    """
-    parts, limits, classifier, sensor = definition.parts, definition.limits, definition.classifier, definition.sensor
-    theta, encoding = (classifier.theta, classifier.encoding) if isinstance(classifier, Art2Settings) else (0.0, "odd")
-    inputs = 6 if encoding == "odd" else 12
-    height_mm, dip_mm = definition.start.height_mm, _dip_mm(definition)
-    room_mm = parts.clearance_mm + parts.chamfer_mm - max(0.0, dip_mm - height_mm)
-    stiffness = definition.contact.stiffness_n_per_mm
-    rules = (
-        (
-            limits.contact_force_n < limits.collision_force_n,
-            "limits.contact_force_n",
-            f"expected less than limits.collision_force_n = {limits.collision_force_n}, got {limits.contact_force_n}",
-        ),
-        (
-            limits.collision_force_n < limits.hard_force_n,
-            "limits.hard_force_n",
-            f"expected more than limits.collision_force_n = {limits.collision_force_n}, got {limits.hard_force_n}",
-        ),
-        (
-            theta < 1 / math.sqrt(inputs),
-            "classifier.theta",
-            f"expected less than 1/sqrt({inputs}) with encoding {encoding!r}, got {theta}",
-        ),
-        (
-            parts.clearance_mm < parts.peg_width_mm,
-            "parts.clearance_mm",
-            f"expected less than parts.peg_width_mm = {parts.peg_width_mm}, got {parts.clearance_mm}",
-        ),
-        (
-            dip_mm < height_mm or _aside_mm(definition) < room_mm,
-            "start.height_mm",
-            f"expected more than {dip_mm:.3f}, or the tilted tip starts inside the material, got {height_mm}",
-        ),
-        (
-            (sensor.full_scale_n == 0) == (sensor.full_scale_dnm == 0),
-            "sensor.full_scale_dnm",
-            f"expected 0 if and only if sensor.full_scale_n = {sensor.full_scale_n} is, got {sensor.full_scale_dnm}",
-        ),
-        (
-            sensor.full_scale_n == 0 or sensor.full_scale_n >= limits.hard_force_n,
-            "sensor.full_scale_n",
-            f"expected 0 or at least limits.hard_force_n = {limits.hard_force_n}, got {sensor.full_scale_n}",
-        ),
-        (
-            stiffness == 0.0 or stiffness >= _SOFTEST_N_PER_MM,
-            "contact.stiffness_n_per_mm",
-            f"expected 0 for a rigid peg or at least {_SOFTEST_N_PER_MM}, got {stiffness}",
-        ),
-    )
-    return next(((key, complaint) for holds, key, complaint in rules if not holds), None) or obstruction(definition)
-
-
-def _dip_mm(definition: Definition) -> float:
-    """Return how far the edge of the most tilted tip that an episode may start with is below the tip's centre."""
-    parts, start = definition.parts, definition.start
-    rx = math.radians(abs(start.rx_deg) + start.tilt_spread_deg)
-    ry = math.radians(abs(start.ry_deg) + start.tilt_spread_deg)
-    slope_x, slope_y = math.sin(ry), math.cos(ry) * math.sin(rx)
-    reach = math.hypot(slope_x, slope_y) if parts.shape == "round" else slope_x + slope_y
-    return parts.peg_width_mm / 2 * reach
-
-
-def _aside_mm(definition: Definition) -> float:
-    """Return how far the tip that an episode starts with can reach beyond a centred one, across the hole."""
-    parts, start = definition.parts, definition.start
-    x_mm, y_mm = abs(start.x_mm) + start.xy_spread_mm, abs(start.y_mm) + start.xy_spread_mm
-    if parts.shape == "round":
-        return math.hypot(x_mm, y_mm)
-    turn = math.radians(abs(start.rz_deg) + start.tilt_spread_deg)
-    return max(x_mm, y_mm) + parts.peg_width_mm / 2 * (math.cos(turn) + math.sin(turn) - 1.0)
 
 
 def _toml(text: str, source: str) -> dict[str, object]:

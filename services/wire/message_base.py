@@ -11,8 +11,10 @@ RunId = Annotated[str, Meta(pattern=r"^[0-9a-z][0-9a-z-]{0,79}\Z")]
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
 ServiceName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]{0,31}\Z")]
 RequestId = Annotated[str, Meta(pattern=r"^[0-9a-f]{32}\Z")]
-Newton = Annotated[float, Meta(ge=-1e5, le=1e5)]
-NewtonMetre = Annotated[float, Meta(ge=-1e5, le=1e5)]
+LARGEST_COMPONENT = 1e5
+"""Bound of a force [N] or torque [N m] in a message and in a query."""
+Newton = Annotated[float, Meta(ge=-LARGEST_COMPONENT, le=LARGEST_COMPONENT)]
+NewtonMetre = Annotated[float, Meta(ge=-LARGEST_COMPONENT, le=LARGEST_COMPONENT)]
 Force = tuple[Newton, Newton, Newton]
 Torque = tuple[NewtonMetre, NewtonMetre, NewtonMetre]
 Number = Annotated[float, Meta(ge=-1e12, le=1e12)]

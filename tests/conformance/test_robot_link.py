@@ -17,13 +17,13 @@ from typing import Any
 import pytest
 import zenoh
 
+from services.bus.answers import answer_in
+from services.bus.session import open_client
 from services.wire.actions import Increment, increments
-from services.wire.answers import answer_in
 from services.wire.codec import encode, encoding_of
 from services.wire.definition_file import definition_sha256, load
 from services.wire.keys import EXPERIMENT, FT, HOME, MOVE, Keys
 from services.wire.messages import Experiment, FtPacket, Home, Move, Moved, Refusal
-from services.wire.session import open_client
 
 KEYS = Keys("a")
 RUN = "conformance"

@@ -17,13 +17,13 @@ from typing import Any
 import pytest
 import zenoh
 
+from services.bus.session import open_client
+from services.rules.guard import Guard
 from services.sensor_jr3.emulator.panel import press
 from services.wire.codec import contract_sha256, decode, encoding_of
 from services.wire.definition import Definition
-from services.wire.guard import Guard
 from services.wire.keys import FT, Keys
 from services.wire.messages import Alive, FtPacket
-from services.wire.session import open_client
 
 KNOWN_STATUS = 0b11111
 UNUSABLE = {0: "saturated", 2: "lost", 3: "changed", 4: "not yet zeroed"}

@@ -16,7 +16,7 @@ def test_the_script_reads_the_q_table_of_a_live_cell(
 ) -> None:
     out = tmp_path / "run"
     words = ["--experiment", str(small), "--episodes", "100000", "--port", "0", "--no-viewer", "--out", str(out)]
-    run_module("services.cli.main", "up", "sim", *words)
+    run_module("treenail.__main__", "up", "sim", *words)
     log = out / "logs" / "router.log"
     wait_until("the router listens", lambda: log.exists() and "listening" in log.read_text())
     endpoint = log.read_text().split("listening on ")[1].split()[0]

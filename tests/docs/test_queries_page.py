@@ -39,7 +39,7 @@ def endpoint(tmp_path_factory: pytest.TempPathFactory, small: Path, wait_until: 
     out = tmp_path_factory.mktemp("cell") / "run"
     words = ["--experiment", str(small), "--episodes", "100000", "--port", "0", "--no-viewer", "--out", str(out)]
     process = subprocess.Popen(
-        [sys.executable, "-m", "services.cli.main", "up", "sim", *words], stdout=subprocess.DEVNULL
+        [sys.executable, "-m", "treenail.__main__", "up", "sim", *words], stdout=subprocess.DEVNULL
     )
     log = out / "logs" / "router.log"
     try:
@@ -115,6 +115,6 @@ def test_the_commands_on_the_page_are_commands(
     for line in block.group(1).splitlines():
         words = [word.strip("'") for word in line.split()[1:]]
         process = run_module(
-            "services.cli.main", *words, *(("--once",) if words == ["top"] else ()), "--connect", endpoint
+            "treenail.__main__", *words, *(("--once",) if words == ["top"] else ()), "--connect", endpoint
         )
         assert process.end() == 0, process.err

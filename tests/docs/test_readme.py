@@ -1,4 +1,4 @@
-"""Every command that the README shows does what it says: those of a shell here, those of Docker in tests/containers."""
+"""Every command that the README shows does what it says: those of a shell here, those of Docker in tests/system."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DOCKER = {
 }
 """Where each of Docker's commands is run."""
 CAMPAIGN = "treenail chaos run --kills 20"
-"""Is run in tests/chaos."""
+"""Is run in tests/system/chaos."""
 MY_OWN = 'name = "my-own"\nepisodes = 3\n'
 
 
@@ -46,7 +46,7 @@ def treenail(command: str, *more: str) -> list[str]:
     """Return the words of a ``treenail`` command for the interpreter that runs this test."""
     name, *words = shlex.split(command)
     assert name == "treenail"
-    return [sys.executable, "-m", "services.cli.main", *words, *more]
+    return [sys.executable, "-m", "treenail.__main__", *words, *more]
 
 
 LONELY = of("treenail experiment", "treenail certs", "treenail up sim --certs")
@@ -66,7 +66,7 @@ ASKING = of(
 def test_every_command_is_run_somewhere() -> None:
     known = {*LONELY, *JOURNALS, *ASKING, *DOCKER, CAMPAIGN, "make sim", "rerun rerun+http://HOST:9876/proxy"}
     assert set(COMMANDS) == known
-    tests = (ROOT / "tests" / "containers" / "test_compose.py").read_text()
+    tests = (ROOT / "tests" / "system" / "containers" / "test_compose.py").read_text()
     assert all(f"def {name}(" in tests for name in DOCKER.values())
 
 
@@ -92,7 +92,7 @@ def cell(run_module: Callable[..., Any], wait_until: Callable[..., None], tmp_pa
     out = tmp_path / "cell"
     length = ("--episodes", "100000", "--seed", "1")
     process = run_module(
-        "services.cli.main", "up", "sim", *length, "--port", "0", "--viewer-port", "0", "--out", str(out)
+        "treenail.__main__", "up", "sim", *length, "--port", "0", "--viewer-port", "0", "--out", str(out)
     )
     wait_until("it has learnt something", lambda: "return(10)" in process.out)
     yield out / "logs"

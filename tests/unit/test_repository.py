@@ -59,7 +59,7 @@ def hits(pattern: re.Pattern[str]) -> list[str]:
 
 
 def modules() -> list[Path]:
-    return sorted(path for part in ("services", "experiments") for path in (ROOT / part).rglob("*.py"))
+    return sorted(path for part in ("services", "experiments", "treenail") for path in (ROOT / part).rglob("*.py"))
 
 
 def pins() -> list[str]:

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 
 from services.agent.fold import AgentFold
 from services.classifier.fold import ClassifierFold
+from services.rules.swaps import in_force, known_in, planned
 from services.wire.definition import Definition, Sarsa
 from services.wire.errors import DivergedError, GapError
 from services.wire.messages import (
@@ -20,7 +21,6 @@ from services.wire.messages import (
     Reward,
     Swap,
 )
-from services.wire.swaps import in_force, known_in, planned
 
 RUN, SEED = "test-s0", 3
 BEGUN = Definition(name="test")

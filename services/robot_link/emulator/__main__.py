@@ -7,6 +7,9 @@ import sys
 
 import zenoh
 
+from services.bus import command
+from services.bus.session import open_client
+from services.bus.stop_flag import StopFlag
 from services.robot_link.emulator import poses
 from services.robot_link.emulator.arm import Arm, IdealArm
 from services.robot_link.emulator.controller import Behaviour, Controller
@@ -15,10 +18,7 @@ from services.robot_link.emulator.server import Server, Text
 from services.robot_link.emulator.supervisory import SupervisoryController
 from services.robot_link.emulator.world_arm import World, WorldArm
 from services.robot_link.settings import SettingError
-from services.wire import command
 from services.wire.keys import Keys
-from services.wire.session import open_client
-from services.wire.stop_flag import StopFlag
 
 LOG = logging.getLogger("robot-emulator")
 START = (420.0, 150.0, 80.0, 30.0, 170.0, -20.0)

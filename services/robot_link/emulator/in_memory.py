@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 
-from services.robot_link.dialects import DIALECTS
 from services.robot_link.emulator import poses
 from services.robot_link.emulator.arm import IdealArm
 from services.robot_link.emulator.controller import Controller
 from services.robot_link.errors import ControllerError, LinkError
-from services.robot_link.motion import Command, Pause
-from services.robot_link.val2 import Answer, Event, State, Terminal, Trouble
+from services.robot_link.val2.dialects import DIALECTS
+from services.robot_link.val2.motion import Command, Pause
+from services.robot_link.val2.terminal import Answer, Event, State, Terminal, Trouble
 from services.wire.actions import Increment
 
 Steps = Generator[Command | Pause, tuple[str, ...], Increment | None]

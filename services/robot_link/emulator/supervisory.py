@@ -2,7 +2,7 @@
 
 As soon as both ends have come together it asks for text (logical unit 2, read), as VAL II was seen to do. The host's
 answer goes to the terminal, what the terminal says comes back as writes, and then it asks again. Only the read's bytes
-are known; how answers and writes begin is a guess, the same as in ``services.robot_link.logical_units``.
+are known; how answers and writes begin is a guess, the same as in ``services.robot_link.ddcmp.logical_units``.
 """
 
 from __future__ import annotations

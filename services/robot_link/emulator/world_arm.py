@@ -24,9 +24,9 @@ import numpy as np
 import zenoh
 from zenoh.handlers import Callback
 
+from services.bus.answers import Asked, answer_in, to_first
 from services.robot_link.emulator.arm import ArmFault
 from services.robot_link.emulator.poses import GRID, Frame, increment_of
-from services.wire.answers import Asked, answer_in, to_first
 from services.wire.codec import decode, encode, encoding_of
 from services.wire.errors import NoAnswerError, TreenailError
 from services.wire.keys import EXPERIMENT, FT, HOME, MOVE, Keys

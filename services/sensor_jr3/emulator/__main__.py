@@ -11,6 +11,10 @@ from pathlib import Path
 
 import zenoh
 
+from services.bus import command
+from services.bus.answers import ft_vector
+from services.bus.session import open_client
+from services.bus.stop_flag import StopFlag
 from services.sensor_jr3.card import SettingError
 from services.sensor_jr3.emulator.card import EmulatedCard
 from services.sensor_jr3.emulator.dsp import Dsp, Sensor
@@ -18,12 +22,8 @@ from services.sensor_jr3.emulator.follow import Follower
 from services.sensor_jr3.emulator.loads import Load, recording
 from services.sensor_jr3.settings import address, whole_numbers
 from services.sensor_jr3.word_server import WordServer
-from services.wire import command
-from services.wire.answers import ft_vector
 from services.wire.errors import ContractError
 from services.wire.keys import Keys
-from services.wire.session import open_client
-from services.wire.stop_flag import StopFlag
 
 LOG = logging.getLogger("jr3-emulator")
 

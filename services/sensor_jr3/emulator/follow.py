@@ -17,8 +17,8 @@ from typing import TypeAlias
 import zenoh
 from zenoh.handlers import Callback
 
+from services.bus.answers import Asked
 from services.sensor_jr3.emulator.loads import Load
-from services.wire.answers import Asked
 from services.wire.codec import decode
 from services.wire.errors import BadPayloadError, TreenailError
 from services.wire.keys import FT, Keys

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import sys
 
+from services.bus import command
 from services.sensor_jr3.card import SettingError
 from services.sensor_jr3.emulator.faults import FAULTS
 from services.sensor_jr3.tcp import TcpCard
 from services.sensor_jr3.transports import host_and_port
-from services.wire import command
 
 
 def press(url: str, name: str, value: int) -> None:

@@ -12,8 +12,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from services.classifier.art2 import Art2
+from services.rules.plugins import Classification, ClassifierFullError
 from services.wire.definition import Art2Settings
-from services.wire.plugins import Classification, ClassifierFullError
 
 Vector = tuple[float, ...]
 

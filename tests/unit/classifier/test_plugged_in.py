@@ -10,8 +10,8 @@ import pytest
 from services.classifier.art2a import Art2A
 from services.classifier.fold import classifier_of
 from services.classifier.fuzzy_art import FuzzyArt
+from services.rules.plugins import Classifier, ClassifierFullError
 from services.wire.definition import Plugin, Setting
-from services.wire.plugins import Classifier, ClassifierFullError
 
 KINDS: dict[str, Callable[[Mapping[str, Setting]], Classifier]] = {"fuzzy-art": FuzzyArt, "art2a": Art2A}
 NO_TORQUE = (0.0, 0.0, 0.0)

@@ -9,15 +9,15 @@ from typing import Protocol
 
 import pytest
 
-from experiments.in_process import InProcessRun
-from experiments.results import Digests, episodes_digest
+from experiments.lab.in_process import InProcessRun
+from services.rules.results import Digests, episodes_digest
+from services.rules.skill import NamedSkill
 from services.store.database import Database
 from services.store.values import Put
 from services.wire.codec import encode, encoding_of
 from services.wire.definition import Definition
 from services.wire.keys import Keys
 from services.wire.messages import Checkpoint, JournalEpisode, Message, RunRecord
-from services.wire.skill import NamedSkill
 
 CHECKPOINT_EVERY = 2
 

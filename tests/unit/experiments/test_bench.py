@@ -11,16 +11,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.bare_chain import BareChain, ChainTimes, Decision, Motion, Rewarded, bare_processes
-from experiments.bench import lines, main
-from experiments.bench_loop import Case, Round, report
-from experiments.bench_parts import ART2_CASES
-from experiments.bench_pattern import Pattern, Timed, pattern, timed
-from experiments.bench_values import percentile, spread
-from experiments.in_process import InProcessRun
+from experiments.bench.__main__ import lines, main
+from experiments.bench.bare_chain import BareChain, ChainTimes, Decision, Motion, Rewarded, bare_processes
+from experiments.bench.loop import Case, Round, report
+from experiments.bench.parts import ART2_CASES
+from experiments.bench.pattern import Pattern, Timed, pattern, timed
+from experiments.bench.values import spread
+from experiments.lab.in_process import InProcessRun
+from services.bus.session import open_client, open_router
+from services.cell.traffic import percentile
 from services.wire.definition_file import load
 from services.wire.errors import NoAnswerError
-from services.wire.session import open_client, open_router
 
 NAME = "chamfered-q-softmax"
 SHORT = ("limits.move_limit=30", "start.height_mm=0.2")

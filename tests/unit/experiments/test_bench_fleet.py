@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from experiments import bench_fleet
-from experiments.bench import main
-from experiments.bench_fleet import Case, Fleet, Moment, report
-from experiments.bench_processes import Usage, total
-from experiments.run import TimedRun, run_seed
+from experiments.bench import fleet as bench_fleet
+from experiments.bench.__main__ import main
+from experiments.bench.fleet import Case, Fleet, Moment, report
+from experiments.bench.processes import Usage, total
+from experiments.lab.run import TimedRun, run_seed
 
 CASE = Case("x", (), 0, (2,), 3)
 

@@ -6,8 +6,8 @@ import json
 
 import pytest
 
-from experiments.bench import main
-from experiments.link_dialogue import MODES, Dialogue, Mode
+from experiments.bench.__main__ import main
+from experiments.bench.link_dialogue import MODES, Dialogue, Mode
 from services.wire.actions import Increment
 
 

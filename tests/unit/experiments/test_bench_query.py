@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from experiments.bench import lines
-from experiments.bench_query import Case, Part, Round, report
+from experiments.bench.__main__ import lines
+from experiments.bench.query import Case, Part, Round, report
 
 CASE = Case("chamfered-q-softmax", (), 3, 1, 50)
 QUIET = Part((), 300.0)
@@ -45,7 +45,7 @@ def test_both_ways_of_asking_have_to_meet_the_target(slow: str) -> None:
 
 def test_it_asks_a_real_cell(run_module: Callable[..., Any]) -> None:
     short = ("--set", "limits.move_limit=30", "--set", "start.height_mm=0.2")
-    process = run_module("experiments.bench", "query", "--rounds", "1", "--seconds", "1", "--json", *short)
+    process = run_module("experiments.bench.__main__", "query", "--rounds", "1", "--seconds", "1", "--json", *short)
     assert process.end() == 0, process.err
     assert process.err == ""
     found = json.loads(process.out)["results"]

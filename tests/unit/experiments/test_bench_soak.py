@@ -14,10 +14,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.bench import main
-from experiments.bench_processes import MB, Usage, slope_per_h, usage
-from experiments.bench_soak import Case, Sample, Stream, report
-from experiments.ft_stream import PERIOD_NS, SAMPLES_PER_S, Delays, Received, samples
+from experiments.bench.__main__ import main
+from experiments.bench.ft_stream import PERIOD_NS, SAMPLES_PER_S, Delays, Received, samples
+from experiments.bench.processes import MB, Usage, slope_per_h, usage
+from experiments.bench.soak import Case, Sample, Stream, report
 from services.wire.codec import decode_payload, encode
 from services.wire.errors import CellError
 from services.wire.messages import FtPacket

@@ -13,7 +13,7 @@ import pytest
 def fails(tmp_path: Path, *words: str, path: str | None = None) -> str:
     """Return the one line of a campaign that cannot begin."""
     environment = {**os.environ, "TMPDIR": str(tmp_path), "PATH": os.environ["PATH"] if path is None else path}
-    command = [sys.executable, "-m", "services.cli.main", "chaos", "run", *words]
+    command = [sys.executable, "-m", "treenail.__main__", "chaos", "run", *words]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stdout) == (2, "")
     (line,) = done.stderr.splitlines()

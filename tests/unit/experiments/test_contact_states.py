@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments import contact_states
-from experiments.agreement import adjusted_rand_index, contingency, purity
+from experiments.lab import contact_states
+from experiments.lab.agreement import adjusted_rand_index, contingency, purity
 from services.wire.definition import Art2Settings, Definition, Limits, Parts
 
 LABELS = st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4)), min_size=1, max_size=40)

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from experiments import diff_command
-from experiments.diff import Comparison, differences
+from experiments.journal import diff_command
+from experiments.journal.diff import Comparison, differences
 from services.wire.actions import ACTION_NAMES
 from services.wire.definition import Definition
 from services.wire.definition_file import load

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from experiments.gridworlds import CLIFF, MAZES, GridWorld, Move, Training, greedy_path, train
+from experiments.reproduce.gridworlds import CLIFF, MAZES, GridWorld, Move, Training, greedy_path, train
 from services.agent.learning import Learner
 from services.wire.definition import TD_LEARNERS, EpsilonAnnealed, EpsilonGreedy, Policy, QLearning, Sarsa, Softmax
 

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from experiments import replay_command
-from experiments.journal_source import InFile, StoredRun, chosen
-from experiments.store_file import opened
+from experiments.journal import replay_command
+from experiments.journal.source import InFile, StoredRun, chosen
+from experiments.journal.store_file import opened
 from services.store.database import Database
 from services.store.values import Delete, Put
 from services.wire.definition_file import load

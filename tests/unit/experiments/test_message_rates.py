@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.bench import main
-from experiments.message_rates import FLOWS, Network, Place, add_arguments, loads, network, report, spread_out
+from experiments.bench.__main__ import main
+from experiments.bench.message_rates import FLOWS, Network, Place, add_arguments, loads, network, report, spread_out
 from services.wire.errors import TreenailError
 
 

@@ -9,9 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from experiments import oracle, result_files, results
-from experiments.oracle_search import Effort, Explorer, Front, _opposite, corridor_moves, search, variants
-from experiments.rehearsal import Attempt, Rehearsal
+from experiments.lab import result_files
+from experiments.lab.rehearsal import Attempt, Rehearsal
+from experiments.oracle import __main__ as oracle
+from experiments.oracle.search import Effort, Explorer, Front, _opposite, corridor_moves, search, variants
+from services.rules import results
 from services.sim.cell import SimulatedCell
 from services.sim.geometry import geometry_of
 from services.sim.pose import Pose

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from experiments.plots import figures, moving_average
+from experiments.lab.plots import figures, moving_average
 from services.wire.messages import EpisodeSummary
 
 NAMES = {"return.png", "force.png", "torque.png", "failures.png"}

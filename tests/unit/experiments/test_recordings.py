@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.recordings import (
+from experiments.lab.recordings import (
     FAILURES,
     DataError,
     Supervisor,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from experiments.in_process import InProcessRun
-from experiments.remembered_world import RememberedWorld
+from experiments.lab.in_process import InProcessRun
+from experiments.lab.remembered_world import RememberedWorld
 from services.sim.pose import Pose
 from services.sim.world import World
 from services.wire.actions import Increment, increments

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from experiments import replay_command
-from experiments.journal_checks import reward_trouble, summary_troubles
-from experiments.replay import Mismatch, Replay
-from experiments.replay_witnesses import Compared, Witnesses
-from experiments.results import RunResult, summary
+from experiments.journal import replay_command
+from experiments.journal.checks import reward_trouble, summary_troubles
+from experiments.journal.replay import Mismatch, Replay
+from experiments.journal.witnesses import Compared, Witnesses
+from services.rules.results import RunResult, summary
 from services.wire.actions import INSERT
 from services.wire.codec import contract_sha256
 from services.wire.definition import Definition

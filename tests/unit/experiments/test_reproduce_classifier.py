@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from experiments.contact_states import Sample
-from experiments.recordings import FAILURES, DataError
+from experiments.lab.contact_states import Sample
+from experiments.lab.recordings import FAILURES, DataError
 from experiments.reproduce import classifier_figures as figures
 from experiments.reproduce import classifier_thesis as thesis
 from experiments.reproduce.cache import Cache

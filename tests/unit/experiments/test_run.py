@@ -14,12 +14,12 @@ from pathlib import Path
 
 import pytest
 
-from experiments.__main__ import main
-from experiments.progress import LINE_EVERY_S, Lines, table
-from experiments.results import Digests, RunResult, RunSummary, run_summary
-from experiments.run import SeedError, TimedRun, run_seed, run_seeds
+from experiments.lab.progress import LINE_EVERY_S, Lines, table
+from experiments.lab.run import SeedError, TimedRun, run_seed, run_seeds
+from services.rules.results import Digests, RunResult, RunSummary, run_summary
 from services.wire import definition_file
 from services.wire.messages import EpisodeSummary
+from treenail.commands.experiment import main
 
 NAME = "chamfered-q-softmax"
 SHORT = "limits.move_limit=25"
@@ -27,6 +27,7 @@ SHORT = "limits.move_limit=25"
 FULL = ("classifier.capacity=1", "classifier.when_full=refuse")
 """Settings with which a run fails as soon as a second contact state is felt."""
 REPOSITORY = Path(__file__).parents[3]
+PROGRAM = [sys.executable, "-m", "treenail.commands.experiment"]
 DEADLINE_S = 60.0
 
 
@@ -54,7 +55,19 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which the command, as a process, ran seeds 4 and 1 for three episodes."""
     folder = tmp_path_factory.mktemp("command")
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY), "COLUMNS": "100"}
-    line = [sys.executable, "-m", "experiments", "run", NAME, "--set", SHORT, "--seed-list", "4,1", "--episodes", "3"]
+    line = [
+        sys.executable,
+        "-m",
+        "treenail.commands.experiment",
+        "run",
+        NAME,
+        "--set",
+        SHORT,
+        "--seed-list",
+        "4,1",
+        "--episodes",
+        "3",
+    ]
     done = subprocess.run(line, cwd=folder, env=environment, capture_output=True, text=True, timeout=DEADLINE_S)
     assert done.returncode == 0, done.stderr
     assert done.stderr.splitlines()[0] == "seed 1: started"
@@ -198,7 +211,19 @@ def wait_until(holds: Callable[[], bool], what: str) -> None:
 
 @pytest.mark.parametrize("moment", ["children starting", "children at work", "terminated"])
 def test_interrupt_ends_every_process_without_results(tmp_path: Path, moment: str) -> None:
-    line = [sys.executable, "-m", "experiments", "run", NAME, "--seeds", "3", "--jobs", "2", "--out", "out"]
+    line = [
+        sys.executable,
+        "-m",
+        "treenail.commands.experiment",
+        "run",
+        NAME,
+        "--seeds",
+        "3",
+        "--jobs",
+        "2",
+        "--out",
+        "out",
+    ]
     environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
     with subprocess.Popen(
         line, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True

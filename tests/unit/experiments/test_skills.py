@@ -11,17 +11,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from experiments.in_process import InProcessRun
-from experiments.skills import digests, skill_after
+from experiments.lab.in_process import InProcessRun
+from experiments.lab.skills import digests, skill_after
 from services.agent.fold import AgentFold
 from services.classifier.fold import ClassifierFold
-from services.wire import skill as skills
+from services.rules import skill as skills
+from services.rules.skill import NamedSkill
 from services.wire.codec import encode, encoding_of
 from services.wire.definition import Definition
 from services.wire.definition_file import load, run_id
 from services.wire.errors import DivergedError, TreenailError
 from services.wire.messages import Checkpoint, JournalEpisode, Skill
-from services.wire.skill import NamedSkill
 
 EPISODES = 7
 SEED = 5

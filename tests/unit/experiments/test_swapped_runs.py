@@ -7,19 +7,19 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from experiments.diff import Comparison
-from experiments.in_process import InProcessRun
-from experiments.replay import Replay
-from experiments.results import episodes_digest
-from experiments.skills import digests, skill_after
-from services.wire import skill as skills
+from experiments.journal.diff import Comparison
+from experiments.journal.replay import Replay
+from experiments.lab.in_process import InProcessRun
+from experiments.lab.skills import digests, skill_after
+from services.rules import skill as skills
+from services.rules.results import episodes_digest
+from services.rules.skill import SkillError
+from services.rules.swaps import planned, words
 from services.wire.codec import encode, encoding_of
 from services.wire.definition import Definition
 from services.wire.definition_file import load
 from services.wire.errors import BadPayloadError, GapError
 from services.wire.messages import JournalEpisode, Skill, Swap
-from services.wire.skill import SkillError
-from services.wire.swaps import planned, words
 
 EPISODES, SEED = 7, 2
 SARSA, FUZZY = "3:agent:learner=sarsa", "5:classifier:classifier=fuzzy-art"

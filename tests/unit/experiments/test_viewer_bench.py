@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from experiments.bench import main
-from experiments.bench_viewer import MB, Case, Sample, report
+from experiments.bench.__main__ import main
+from experiments.bench.processes import MB
+from experiments.bench.viewer import Case, Sample, report
 
 CASE = Case("x", (), 0, 100.0, "8MB")
 

@@ -8,10 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.robot_link.crc16 import with_crc
-from services.robot_link.ddcmp import Ddcmp
-from services.robot_link.ddcmp_events import Event, Halted, Refused, Started, State
-from services.robot_link.ddcmp_frames import (
+from services.robot_link.ddcmp.crc16 import with_crc
+from services.robot_link.ddcmp.events import Event, Halted, Refused, Started, State
+from services.robot_link.ddcmp.frames import (
     Ack,
     Data,
     Decoder,
@@ -24,7 +23,8 @@ from services.robot_link.ddcmp_frames import (
     Strt,
     encode,
 )
-from services.robot_link.ddcmp_settings import DdcmpError, DdcmpSettings
+from services.robot_link.ddcmp.line import Ddcmp
+from services.robot_link.ddcmp.settings import DdcmpError, DdcmpSettings
 
 LONG_AGO, NOW_S = 0.0, 100.0
 MAINTENANCE = with_crc(bytes.fromhex("90 04 C0 00 00 01")) + with_crc(b"boot")

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.robot_link.crc16 import crc16, with_crc
-from services.robot_link.ddcmp_frames import (
+from services.robot_link.ddcmp.crc16 import crc16, with_crc
+from services.robot_link.ddcmp.frames import (
     QUICK_SYNC_AND_SELECT,
     Ack,
     Data,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from experiments.noisy_line import BYTE_S, CLEAN, Damage, Exchanged, exchange
-from services.robot_link.ddcmp_settings import DdcmpSettings
+from experiments.bench.noisy_line import BYTE_S, CLEAN, Damage, Exchanged, exchange
+from services.robot_link.ddcmp.settings import DdcmpSettings
 from services.wire.errors import TreenailError
 
 ERRORS = Damage(bit_errors=1e-4)

@@ -10,21 +10,21 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from services.robot_link import link as links
-from services.robot_link import val2
 from services.robot_link.arrival import SensorClock
 from services.robot_link.channel import RawChannel, Received
-from services.robot_link.dialects import DIALECTS
 from services.robot_link.emulator import poses
 from services.robot_link.emulator.arm import IdealArm
 from services.robot_link.emulator.controller import Controller
 from services.robot_link.emulator.server import Pace
-from services.robot_link.errors import GuardError, LinkError, OtherRunError, OutOfOrderError
+from services.robot_link.errors import LinkError
 from services.robot_link.link import Link
-from services.robot_link.motion import Arm
-from services.robot_link.robot import Robot
 from services.robot_link.serial_line import LineError
 from services.robot_link.settings import ArmSettings, SettingError
-from services.robot_link.val2 import Terminal, Timing
+from services.robot_link.val2 import terminal as val2
+from services.robot_link.val2.dialects import DIALECTS
+from services.robot_link.val2.motion import Arm
+from services.robot_link.val2.terminal import Terminal, Timing
+from services.rules.motions import GuardError, OtherRunError, OutOfOrderError, Robot
 from services.wire.actions import Increment
 from services.wire.definition import Definition
 from services.wire.messages import FtPacket, Home, Move

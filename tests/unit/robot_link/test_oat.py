@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.robot_link import oat
 from services.robot_link.emulator import poses
-from services.robot_link.oat import Convention, Location, Pose
+from services.robot_link.val2 import oat
+from services.robot_link.val2.oat import Convention, Location, Pose
 from services.wire.actions import Increment
 
 ANGLE = st.floats(-179.0, 179.0)

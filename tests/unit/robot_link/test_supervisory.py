@@ -11,20 +11,20 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.noisy_line import BYTE_S, CLEAN, Damage, OneWay
+from experiments.bench.noisy_line import BYTE_S, CLEAN, Damage, OneWay
 from services.robot_link.channel import Channel
-from services.robot_link.ddcmp_frames import Ack, Data, Decoder, Stack, Strt, encode
-from services.robot_link.ddcmp_settings import DdcmpError
-from services.robot_link.emulator.supervisory import SupervisoryController
-from services.robot_link.emulator.supervisory_line import ControllerLine
-from services.robot_link.logical_units import TABLE, Kind, LogicalUnits, prefix_of
-from services.robot_link.supervisory import (
+from services.robot_link.ddcmp.frames import Ack, Data, Decoder, Stack, Strt, encode
+from services.robot_link.ddcmp.logical_units import TABLE, Kind, LogicalUnits, prefix_of
+from services.robot_link.ddcmp.settings import DdcmpError
+from services.robot_link.ddcmp.supervisory import (
     HOST,
     SupervisoryChannel,
     SupervisorySettings,
     add_arguments,
     settings_of,
 )
+from services.robot_link.emulator.supervisory import SupervisoryController
+from services.robot_link.emulator.supervisory_line import ControllerLine
 
 READ = bytes.fromhex("02 02 00 00")
 WRITE = bytes.fromhex("02 03 00 00")

@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.robot_link.dialects import DIALECTS
 from services.robot_link.emulator import poses
 from services.robot_link.emulator.arm import IdealArm
 from services.robot_link.emulator.controller import Behaviour, Controller
 from services.robot_link.emulator.in_memory import Joined, dialogues
 from services.robot_link.errors import ArrivalError, ControllerError, LinkError, UnsettledError
-from services.robot_link.motion import Arm, Command
 from services.robot_link.settings import ArmSettings, Prompt, SettingError
-from services.robot_link.val2 import Terminal
+from services.robot_link.val2.dialects import DIALECTS
+from services.robot_link.val2.motion import Arm, Command
+from services.robot_link.val2.terminal import Terminal
 from services.wire.actions import Increment
 from services.wire.messages import Home
 

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from services.robot_link.dialects import DIALECTS
 from services.robot_link.emulator.arm import IdealArm
 from services.robot_link.emulator.controller import Controller
-from services.robot_link.val2 import Answer, Event, Greeted, State, Terminal, Trouble
+from services.robot_link.val2.dialects import DIALECTS
+from services.robot_link.val2.terminal import Answer, Event, Greeted, State, Terminal, Trouble
 
 MOVE = "DO MOVE HERE:TRANS(0,0,0.2,0,0,0)"
 ABORT = b"\x15ABORT\r"

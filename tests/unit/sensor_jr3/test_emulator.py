@@ -17,7 +17,7 @@ from services.sensor_jr3.emulator.loads import COLUMNS, recording, transformed
 
 FOLDER = Path(loads_module.__file__).parent
 FORBIDDEN = {
-    "services.wire.ft_counts",
+    "services.rules.ft_counts",
     "services.sensor_jr3.mount",
     "services.sensor_jr3.transform",
     "services.sensor_jr3.stream",

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from services.rules.ft_counts import UNITS, CountsError, FtCounts
 from services.sensor_jr3.emulator.loads import nearest_counts
-from services.wire.ft_counts import UNITS, CountsError, FtCounts
 
 SCALES = (65, 65, 130, 50, 50, 50)
 NEWTONS = FtCounts("1", SCALES)

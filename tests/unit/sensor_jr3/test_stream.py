@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from services.rules.ft_counts import FtCounts
 from services.sensor_jr3.card import Collected, Sample, SettingError
 from services.sensor_jr3.mount import Mount
 from services.sensor_jr3.stream import Stream, pace_of, steps_between
-from services.wire.ft_counts import FtCounts
 from services.wire.messages import FtPacket
 
 SCALE = FtCounts("1", (65, 65, 130, 50, 50, 50))

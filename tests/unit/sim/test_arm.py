@@ -29,7 +29,7 @@ Table = npt.NDArray[np.float64]
 
 def measured() -> dict[str, Table]:
     """Return the thesis's readings by direction, shape (5, 3): X, Y, Z in mm."""
-    motion = tomllib.loads((Path(str(files("experiments"))) / "thesis_cell.toml").read_text())["motion"]
+    motion = tomllib.loads((Path(str(files("experiments.reproduce"))) / "thesis_cell.toml").read_text())["motion"]
     assert motion.pop("commanded_mm") == 0.2
     return {direction: np.array(rows) for direction, rows in motion.items()}
 

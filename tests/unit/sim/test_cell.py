@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from services.sim.cell import MOTION_NS, GuardError, OtherRunError, OutOfOrderError, SimulatedCell
+from services.rules.motions import GuardError, OtherRunError, OutOfOrderError
+from services.sim.cell import MOTION_NS, SimulatedCell
 from services.sim.world import Reading, World
 from services.wire.actions import Increment, increments
 from services.wire.codec import encode

@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from services.sim.cell import GuardError, OtherRunError, OutOfOrderError, SimulatedCell
+from services.rules.motions import GuardError, OtherRunError, OutOfOrderError
+from services.sim.cell import SimulatedCell
 from services.sim.pose import Pose, rotation_vector
 from services.task.insertion import Insertion
 from services.wire.actions import Increment, increments

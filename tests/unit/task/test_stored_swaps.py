@@ -7,13 +7,13 @@ from typing import Any, cast
 import pytest
 from msgspec.structs import replace
 
+from services.bus.service import Service
+from services.rules.swaps import planned
 from services.task.swaps import Swaps
 from services.wire.definition import Art2Settings, Sarsa
 from services.wire.definition_file import definition_sha256, load, run_id
 from services.wire.errors import CellError
 from services.wire.messages import RunRecord, Swap
-from services.wire.service import Service
-from services.wire.swaps import planned
 
 DEFINITION = load("chamfered-q-softmax")
 RECORD = RunRecord(

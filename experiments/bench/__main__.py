@@ -1,0 +1,261 @@
+"""Measure how fast Treenail is on this machine: medians and spread over several rounds. Nothing is asserted."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+
+from experiments.bench.values import Value, machine
+from services.bus.command import EXIT_ERROR, Parser
+from services.wire.errors import TreenailError
+from services.wire.randomness import MAX_SEED
+
+PROGRAM = "treenail bench"
+SUMMARIES = {
+    "loop": "what being distributed costs: physics, a bare Zenoh chain and the real cell, per decision",
+    "query": "how long the agent takes to answer while it learns at full speed, and what that costs it",
+    "sim": "moves a second: in free air, in contact, in whole episodes",
+    "art2": "one classify-and-learn step",
+    "classifiers": "all that are installed: speed, agreement with the truth, and what is learnt with them",
+    "learner": "updates a second, and one decision",
+    "link": "the serial link to the controller without a port: DDCMP messages, moves by dialogue",
+    "start": "from `treenail up sim` to its first finished episode",
+    "viewer": "memory and processor that the viewer takes beside a cell at full speed, and whether they grow",
+    "soak": "a cell at full speed for long: whether memory or store grow, and what an 8 kHz F/T stream beside it loses",
+    "fleet": "several cells round one router and one store: what each costs, and that none disturbs another",
+    "scale": "what many cells over regional routers would send, by calculation from what one cell was measured to",
+}
+WITH_ROUNDS = ("loop", "query", "sim", "art2", "classifiers", "learner", "link", "start")
+"""Those that measure everything several times over."""
+MOST_MINUTES = 10_000
+MOST_CELLS = 64
+"""On one machine."""
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Do what the command line (or ``words`` in its place) says and return the exit status."""
+    arguments = _parser().parse_args(words)
+    try:
+        found: dict[str, Value] = {"bench": arguments.bench, "machine": machine()}
+        results = RUNS[arguments.bench](arguments)
+        found |= {"results": results}
+    except TreenailError as error:
+        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        return EXIT_ERROR
+    except KeyboardInterrupt:
+        print(f"{PROGRAM}: interrupted", file=sys.stderr)
+        return 130
+    try:
+        print(json.dumps(found, indent=2) if arguments.json else "\n".join(lines(found)), flush=True)
+    except BrokenPipeError:  # whoever reads has had enough
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return int(results.get("equal") is False)
+
+
+def lines(found: Mapping[str, Value], indent: str = "") -> list[str]:
+    """Return a report as text: one line a figure, ``median (min to max)`` where there are several."""
+    said: list[str] = []
+    width = max((len(name) for name in found), default=0)
+    for name, value in found.items():
+        if isinstance(value, Mapping) and set(value) == {"median", "min", "max"}:
+            median, least, most = (_shown(value[key]) for key in ("median", "min", "max"))
+            said.append(f"{indent}{name:<{width}}  {median}  ({least} to {most})")
+        elif isinstance(value, Mapping):
+            said += [f"{indent}{name}", *lines(value, indent + "  ")]
+        elif isinstance(value, Sequence) and not isinstance(value, str):
+            for item in value:
+                said += lines(item, indent) if isinstance(item, Mapping) else [f"{indent}{name}  {_shown(item)}"]
+                said.append("")
+        else:
+            said.append(f"{indent}{name:<{width}}  {_shown(value)}")
+    return said
+
+
+def _shown(value: Value) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def _loop(arguments: argparse.Namespace) -> dict[str, Value]:
+    from experiments.bench.loop import Case, measure
+
+    case = Case(arguments.experiment, tuple(arguments.set), arguments.seed, arguments.episodes, arguments.secure)
+    return measure(case, arguments.rounds)
+
+
+def _query(arguments: argparse.Namespace) -> dict[str, Value]:
+    from experiments.bench.query import Case, measure
+
+    case = Case(arguments.experiment, tuple(arguments.set), arguments.seed, arguments.seconds, arguments.rate)
+    return measure(case, arguments.rounds)
+
+
+def _sim(arguments: argparse.Namespace) -> dict[str, Value]:
+    from experiments.bench.parts import sim
+    from services.wire.definition_file import load
+
+    definition = load(arguments.experiment, arguments.set)
+    return sim(definition, arguments.seed, arguments.moves, arguments.episodes, arguments.rounds)
+
+
+def _art2(arguments: argparse.Namespace) -> dict[str, Value]:
+    from experiments.bench.parts import art2
+
+    return art2(arguments.steps, arguments.rounds)
+
+
+def _classifiers(arguments: argparse.Namespace) -> dict[str, Value]:
+    from experiments.bench.classifiers import measure
+    from services.wire.definition_file import load
+
+    definition = load(arguments.experiment, arguments.set)
+    return measure(definition, arguments.seed, arguments.vectors, arguments.episodes, arguments.rounds)
+
+
+def _learner(arguments: argparse.Namespace) -> dict[str, Value]:
+    from experiments.bench.parts import learner
+    from services.wire.definition_file import load
+
+    return learner(load(arguments.experiment, arguments.set), arguments.seed, arguments.steps, arguments.rounds)
+
+
+def _link(arguments: argparse.Namespace) -> dict[str, Value]:
+    from experiments.bench.link import link
+
+    return link(arguments.messages, arguments.moves, arguments.rounds)
+
+
+def _start(arguments: argparse.Namespace) -> dict[str, Value]:
+    from experiments.bench.start import measure
+
+    return measure(arguments.experiment, tuple(arguments.set), arguments.seed, arguments.rounds)
+
+
+def _viewer(arguments: argparse.Namespace) -> dict[str, Value]:
+    from experiments.bench.viewer import Case, measure
+
+    seconds = 60.0 * arguments.minutes
+    return measure(Case(arguments.experiment, tuple(arguments.set), arguments.seed, seconds, arguments.memory_limit))
+
+
+def _soak(arguments: argparse.Namespace) -> dict[str, Value]:
+    from experiments.bench.soak import Case, measure
+
+    length = (60.0 * arguments.minutes, arguments.in_packet, arguments.keep_episodes)
+    return measure(Case(arguments.experiment, tuple(arguments.set), arguments.seed, *length))
+
+
+def _fleet(arguments: argparse.Namespace) -> dict[str, Value]:
+    from experiments.bench.fleet import Case, measure
+
+    overrides = tuple(arguments.set)
+    return measure(Case(arguments.experiment, overrides, arguments.seed, arguments.cells, arguments.episodes))
+
+
+def _scale(arguments: argparse.Namespace) -> dict[str, Value]:
+    from experiments.bench.message_rates import network, report
+
+    return report(network(arguments))
+
+
+RUNS: Mapping[str, Callable[[argparse.Namespace], dict[str, Value]]] = {
+    "loop": _loop,
+    "query": _query,
+    "sim": _sim,
+    "art2": _art2,
+    "classifiers": _classifiers,
+    "learner": _learner,
+    "link": _link,
+    "start": _start,
+    "viewer": _viewer,
+    "soak": _soak,
+    "fleet": _fleet,
+    "scale": _scale,
+}
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = Parser(prog=PROGRAM, description=__doc__)
+    commands = parser.add_subparsers(dest="bench", metavar="BENCH", required=True)
+    for name, summary in SUMMARIES.items():
+        command = commands.add_parser(name, help=summary, description=summary)
+        command.add_argument("--json", action="store_true", help="as JSON, units in the names")
+        if name in WITH_ROUNDS:
+            command.add_argument("--rounds", type=_from(1), default=3, metavar="N", help="repetitions (default: 3)")
+        if name not in ("art2", "link", "scale"):
+            command.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file")
+            command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a setting")
+            command.add_argument("--seed", type=_from(0, MAX_SEED), default=0, help="seed of the run (default: 0)")
+    loop, sim = commands.choices["loop"], commands.choices["sim"]
+    query = commands.choices["query"]
+    query.add_argument("--seconds", type=_from(1, 3600), default=5, help="length of each part of a round (default: 5)")
+    query.add_argument("--rate", type=_from(1, 1000), default=50, help="questions per second (default: 50)")
+    loop.add_argument("--episodes", type=_from(2), default=60, help="length; the first is not counted (default: 60)")
+    loop.add_argument("--secure", action="store_true", help="measure the cell with certificates as well")
+    sim.add_argument("--episodes", type=_from(1), default=20, help="whole episodes in a round (default: 20)")
+    sim.add_argument("--moves", type=_from(1), default=1000, help="moves of one kind in a round (default: 1000)")
+    several = commands.choices["classifiers"]
+    several.add_argument("--vectors", type=_from(10), default=2000, help="recorded vectors in a round (default: 2000)")
+    several.add_argument("--episodes", type=_from(1), default=100, help="episodes learnt in a round (default: 100)")
+    link = commands.choices["link"]
+    link.add_argument("--messages", type=_from(1), default=5000, help="each way in a round (default: 5000)")
+    link.add_argument("--moves", type=_from(1), default=1000, help="moves by dialogue in a round (default: 1000)")
+    viewer = commands.choices["viewer"]
+    viewer.add_argument("--minutes", type=_from(1, 1440), default=5, metavar="M", help="length (default: 5)")
+    viewer.add_argument("--memory-limit", default="256MB", metavar="SIZE", help="the viewer's (default: 256MB)")
+    _add_long_ones(commands.choices)
+    for name in ("art2", "learner"):
+        commands.choices[name].add_argument("--steps", type=_from(1), default=5000, help="steps in a round")
+    return parser
+
+
+def _add_long_ones(commands: Mapping[str, argparse.ArgumentParser]) -> None:
+    """Add the options of what measures whole cells for long, or calculates with many."""
+    from experiments.bench.ft_stream import MOST_IN_A_PACKET, SAMPLES_PER_S
+    from experiments.bench.message_rates import add_arguments
+
+    soak, fleet = commands["soak"], commands["fleet"]
+    sizes = [size for size in range(1, MOST_IN_A_PACKET + 1) if SAMPLES_PER_S % size == 0]
+    soak.add_argument("--minutes", type=_minutes, default=30.0, metavar="M", help="length (default: 30)")
+    soak.add_argument("--in-packet", type=int, choices=sizes, default=8, help="F/T samples in a packet (default: 8)")
+    soak.add_argument(
+        "--keep-episodes", type=_from(1), default=200, metavar="N", help="that the store keeps (default: 200)"
+    )
+    fleet.add_argument("--cells", type=_counts, default=(1, 2, 4, 8), metavar="N,...", help="default: 1,2,4,8")
+    fleet.add_argument("--episodes", type=_from(2), default=60, help="of each cell (default: 60)")
+    add_arguments(commands["scale"])
+
+
+def _minutes(text: str) -> float:
+    """Return a length in minutes."""
+    try:
+        minutes = float(text)
+    except ValueError:
+        minutes = 0.0
+    if not 0.01 <= minutes <= MOST_MINUTES:
+        raise argparse.ArgumentTypeError(f"expected 0.01 to {MOST_MINUTES} minutes, got {text!r}")
+    return minutes
+
+
+def _counts(text: str) -> tuple[int, ...]:
+    """Return numbers of cells."""
+    return tuple(_from(1, MOST_CELLS)(part) for part in text.split(","))
+
+
+def _from(least: int, most: int = 10**9) -> Callable[[str], int]:
+    """Return a reader of whole numbers from ``least`` to ``most``."""
+
+    def read(text: str) -> int:
+        if not (text.isascii() and text.isdigit() and least <= int(text) <= most):
+            raise argparse.ArgumentTypeError(f"expected a whole number from {least} to {most}, got {text!r}")
+        return int(text)
+
+    return read
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,77 @@
+"""What commands that read journals share: options, where to look, errors in one line, progress."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TypeVar
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from experiments.journal.source import InCell, InFile, Stored
+from experiments.journal.store_file import opened
+from services.bus import command
+from services.cell import client
+from services.cell.client import Client
+from services.wire.errors import CellError, TreenailError
+
+T = TypeVar("T")
+
+EXIT_DIFFERS, EXIT_INTERRUPTED = 1, 130
+STORE_HELP = "a store's SQLite file, or the folder of a run with one, instead of a living cell; it is only read"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say where journals come from."""
+    parser.add_argument("--store", type=Path, metavar="FILE", help=STORE_HELP)
+    parser.add_argument("--json", action="store_true", help="as JSON")
+    client.add_arguments(parser)
+    parser.set_defaults(cell=None)  # a file may be of any cells
+
+
+@contextmanager
+def places(arguments: argparse.Namespace, store: Path | None) -> Iterator[list[Stored]]:
+    """Give what the stores of the cells in question have, in a file or, without one, in the living cell.
+
+    Raises CellError when a file cannot be read or has no run, or when there is no router.
+    """
+    if store is None:
+        arguments.cell = arguments.cell or os.environ.get(command.CELL, "a")
+        with Client(command.options(arguments)) as cell:
+            yield [InCell(cell)]
+        return
+    with opened(store) as file:
+        cells = [arguments.cell] if arguments.cell else file.cells()
+        if not cells:
+            raise CellError(f"{file.path}: expected a run, got none")
+        yield [InFile(file, cell) for cell in cells]
+
+
+def status(program: str, act: Callable[[], bool]) -> int:
+    """Do what ``act`` does and return the exit status: 0 when it says that all is equal, else 1, and 2 for an error."""
+    try:
+        same = act()
+        sys.stdout.flush()
+        return 0 if same else EXIT_DIFFERS
+    except TreenailError as error:
+        print(f"{program}: {' '.join(str(error).split())}", file=sys.stderr)  # a key or a name may have line breaks
+        return command.EXIT_ERROR
+    except KeyboardInterrupt:
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has gone; without this the interpreter would complain on its way out.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return EXIT_DIFFERS
+
+
+def shown(items: Iterable[T], what: str, total: int | None) -> Iterator[T]:
+    """Give the items, with a bar on stderr if that is a terminal."""
+    console = Console(stderr=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        yield from progress.track(items, total=total, description=what)

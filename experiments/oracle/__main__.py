@@ -1,0 +1,304 @@
+"""What would be possible: the best insertions that a search finds with full knowledge of the pose.
+
+``python -m experiments.oracle NAME``. Same moves, guidance, limits and reward as a learner has; only the decisions come
+from a search (``oracle_search``). The result is a front: the least mean force found for each return. Every entry has
+its decisions and can be made again. It is a lower bound of what is possible, and what a learnt policy is held against.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import statistics
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple, TypedDict
+
+from rich import box
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from experiments.lab import result_files
+from experiments.lab.rehearsal import Attempt
+from experiments.oracle.search import Advanced, Effort, search
+from services.bus.command import EXIT_ERROR
+from services.rules import results
+from services.wire import definition_file
+from services.wire.actions import ACTION_NAMES
+from services.wire.definition import Definition
+from services.wire.errors import TreenailError
+
+PROGRAM = "treenail oracle"
+FORCES_N = (0.2, 0.35, 0.5, 1.0)
+"""Mean forces for which the best return is told."""
+FILE = "oracle.json"
+LINE_EVERY_S = 15.0
+"""How often a log hears of the search's progress."""
+_MATTERS = ("parts", "contact", "wrist", "noise", "start", "moves", "limits", "reward")
+"""The parts of a definition that decide what is possible; the learner's own settings do not."""
+
+Entry = TypedDict(
+    "Entry",
+    {
+        "return": float,
+        "mean_force_n": float,
+        "peak_force_n": float,
+        "moves": int,
+        "decisions": int,
+        "actions": list[str],
+    },
+)
+"""One insertion; ``actions`` are its decisions in order."""
+
+
+class Found(TypedDict):
+    """The content of ``oracle.json``."""
+
+    experiment: str
+    definition_sha256: str
+    effort: dict[str, int]
+    front: list[Entry]
+    """Best return first: the least mean force found for each return."""
+
+
+class Learnt(NamedTuple):
+    """What a run's last quarter gave, as means."""
+
+    seed: str
+    episode_return: float
+    mean_force_n: float
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Do what the command line (or ``words`` in its place) says and return the exit status."""
+    arguments = _parser().parse_args(words)
+    try:
+        return _act(arguments)
+    except TreenailError as error:
+        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        return EXIT_ERROR
+    except KeyboardInterrupt:
+        return 130
+
+
+def _act(arguments: argparse.Namespace) -> int:
+    definition = definition_file.load(arguments.experiment, arguments.set)
+    learnt = learnt_in(arguments.learnt, definition) if arguments.learnt else []
+    effort = Effort(arguments.beam, arguments.attempts)
+    sha256 = definition_file.definition_sha256(definition)
+    if arguments.out:
+        result_files.prepare(arguments.out, sha256)
+    with _shown() as advanced:
+        front = search(definition, effort, advanced)
+    if not front:
+        raise TreenailError(f"{definition.name}: no insertion found with {effort}")
+    found: Found = {
+        "experiment": definition.name,
+        "definition_sha256": sha256,
+        "effort": effort._asdict(),
+        "front": [entry(attempt) for attempt in front],
+    }
+    if arguments.out:
+        _write(arguments.out / FILE, found)
+    if arguments.json:
+        print(json.dumps({**found, "learnt": gaps(found["front"], learnt)}, indent=2))
+        return 0
+    console = Console()
+    console.print(front_table(found))
+    console.print(limits_table(found["front"]))
+    if learnt:
+        console.print(gap_table(found["front"], learnt))
+    for index, one in enumerate(found["front"], start=1):
+        console.print(f"{index}: {short(one['actions'])}", highlight=False)
+    return 0
+
+
+def entry(attempt: Attempt) -> Entry:
+    """Return an attempt as it is reported."""
+    done = attempt.summary
+    return {
+        "return": done.episode_return,
+        "mean_force_n": done.mean_force_n,
+        "peak_force_n": done.peak_force_n,
+        "moves": done.moves,
+        "decisions": done.decisions,
+        "actions": [ACTION_NAMES[action] for action in attempt.actions],
+    }
+
+
+def best_within(front: Sequence[Entry], force_n: float) -> Entry | None:
+    """Return the entry of the best return whose mean force is at most so much [N], None without one."""
+    return next((one for one in front if one["mean_force_n"] <= force_n), None)
+
+
+def least_force(front: Sequence[Entry], episode_return: float) -> Entry | None:
+    """Return the entry of the least mean force whose return is at least so good, None without one."""
+    good = [one for one in front if one["return"] >= episode_return]
+    return min(good, key=lambda one: one["mean_force_n"], default=None)
+
+
+def short(actions: Sequence[str]) -> str:
+    """Return decisions as text, repetitions counted, such as ``-X 3*+Z``."""
+    groups = ((name, len(list(same))) for name, same in itertools.groupby(actions))
+    return " ".join(name if count == 1 else f"{count}*{name}" for name, count in groups)
+
+
+def learnt_in(folder: Path, definition: Definition) -> list[Learnt]:
+    """Return what the runs in a folder of results learnt, a row a seed, and of several their median.
+
+    Raises TreenailError when it cannot be read or its task is not that of ``definition``.
+    """
+    ran = definition_file.load(str(folder / result_files.DEFINITION))
+    for part in _MATTERS:
+        if getattr(ran, part) != getattr(definition, part):
+            raise TreenailError(f"{folder}: {part}: expected {getattr(definition, part)}, got {getattr(ran, part)}")
+    table = result_files.read_episodes(folder / result_files.EPISODES)
+    rows = []
+    for seed, episodes in table.episodes.items():
+        last = results.last_quarter(episodes)
+        returns = statistics.fmean(summary.episode_return for summary in last)
+        rows.append(Learnt(str(seed), returns, statistics.fmean(summary.mean_force_n for summary in last)))
+    if len(rows) > 1:
+        median_return = statistics.median(row.episode_return for row in rows)
+        rows.append(Learnt("median", median_return, statistics.median(row.mean_force_n for row in rows)))
+    return rows
+
+
+def gaps(front: Sequence[Entry], learnt: Sequence[Learnt]) -> list[dict[str, str | float | None]]:
+    """Hold every row of what was learnt against the front: best return at its force, least force at its return."""
+    found: list[dict[str, str | float | None]] = []
+    for row in learnt:
+        within, least = best_within(front, row.mean_force_n), least_force(front, row.episode_return)
+        found.append(
+            {
+                **row._asdict(),
+                "oracle_return_at_this_force": within["return"] if within else None,
+                "oracle_force_n_at_this_return": least["mean_force_n"] if least else None,
+            }
+        )
+    return found
+
+
+def front_table(found: Found) -> Table:
+    """Return the front as a table."""
+    made = _table(f"{found['experiment']}: least mean force found for each return", "")
+    for column in ("", "return", "mean force [N]", "peak [N]", "moves", "decisions"):
+        made.add_column(column, justify="right")
+    for index, one in enumerate(found["front"], start=1):
+        made.add_row(str(index), *_cells(one))
+    return made
+
+
+def limits_table(front: Sequence[Entry]) -> Table:
+    """Return the best insertion below each limit of mean force as a table."""
+    made = _table("Best return by mean force", "")
+    for column in ("mean force", "return", "mean force [N]", "peak [N]", "moves", "decisions"):
+        made.add_column(column, justify="right")
+    made.add_row("any", *_cells(front[0]))
+    for force_n in reversed(FORCES_N):
+        one = best_within(front, force_n)
+        made.add_row(f"<= {force_n:g} N", *(_cells(one) if one else ["none found"]))
+    return made
+
+
+def gap_table(front: Sequence[Entry], learnt: Sequence[Learnt]) -> Table:
+    """Return what was learnt beside what the oracle found as a table."""
+    made = _table("Learnt, and what the oracle found", "learnt: means of the last quarter of all episodes")
+    for column in ("seed", "return", "oracle at this force", "force [N]", "oracle at this return [N]"):
+        made.add_column(column, justify="right")
+    for row in gaps(front, learnt):
+        cells = [row["episode_return"], row["oracle_return_at_this_force"]]
+        forces = [row["mean_force_n"], row["oracle_force_n_at_this_return"]]
+        texts = ["-" if value is None else f"{value:.1f}" for value in cells]
+        made.add_row(str(row["seed"]), *texts, *("-" if value is None else f"{value:.3f}" for value in forces))
+    return made
+
+
+def _table(title: str, caption: str) -> Table:
+    made = Table(title=title, title_justify="left", caption=caption, caption_justify="left", box=box.SIMPLE_HEAD)
+    made.pad_edge = False
+    return made
+
+
+def _cells(one: Entry) -> list[str]:
+    numbers = [f"{one['return']:.1f}", f"{one['mean_force_n']:.3f}", f"{one['peak_force_n']:.2f}"]
+    return [*numbers, str(one["moves"]), str(one["decisions"])]
+
+
+def _write(path: Path, found: Found) -> None:
+    try:
+        path.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise TreenailError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+@contextmanager
+def _shown() -> Iterator[Advanced]:
+    """Show progress on stderr: bars in a terminal, else a line now and then."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _lines()
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}"), TimeElapsedColumn())
+    with Progress(*columns, console=console) as progress:
+        tasks = {}
+
+        def advanced(stage: str, done: int, most: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = progress.add_task(stage, total=most)
+            progress.update(tasks[stage], completed=done)
+
+        yield advanced
+
+
+def _lines() -> Advanced:
+    said_s: dict[str, float] = {}
+
+    def advanced(stage: str, done: int, most: int) -> None:
+        now_s = time.monotonic()
+        if now_s - said_s.get(stage, -LINE_EVERY_S) >= LINE_EVERY_S:
+            said_s[stage] = now_s
+            print(f"{stage}: {done} of about {most}", file=sys.stderr, flush=True)
+
+    return advanced
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog=PROGRAM, description=__doc__)
+    parser.add_argument("experiment", metavar="NAME_OR_FILE", help="a shipped experiment's name, or a TOML file")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a setting")
+    parser.add_argument("--learnt", type=Path, metavar="DIR", help="results of `treenail experiment run` to compare")
+    parser.add_argument("--json", action="store_true", help="print JSON, with every decision")
+    parser.add_argument("--out", type=Path, metavar="DIR", help=f"write {FILE} there")
+    usual = Effort()
+    parser.add_argument(
+        "--beam", type=_count(1), default=usual.beam, metavar="N", help=f"beam width per aim (default: {usual.beam})"
+    )
+    parser.add_argument(
+        "--attempts",
+        type=_count(0),
+        default=usual.attempts,
+        metavar="N",
+        help=f"most attempts of the local search (default: {usual.attempts})",
+    )
+    return parser
+
+
+def _count(least: int) -> Callable[[str], int]:
+    """A reader of whole numbers from ``least`` on."""
+
+    def read(text: str) -> int:
+        if not text.isdecimal() or int(text) < least:
+            raise argparse.ArgumentTypeError(f"expected a whole number from {least}, got {text!r}")
+        return int(text)
+
+    return read
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,116 @@
+"""The command line and logging that all services share."""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import logging
+import os
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NoReturn
+
+from services.bus.service import Options
+from services.bus.session import DEFAULT_ENDPOINT, DEFAULT_SECURE_ENDPOINT
+from services.wire.errors import TreenailError
+
+DIE_WITH_PARENT = "TREENAIL_DIE_WITH_PARENT"
+"""Environment variable with the process id of the parent to die with."""
+CELL = "TREENAIL_CELL"
+CONNECT = "TREENAIL_CONNECT"
+CERTS = "TREENAIL_CERTS"
+FLEET = "TREENAIL_FLEET"
+"""Environment variables that stand in for options, so that a container or a shell is told once."""
+_PR_SET_PDEATHSIG = 1
+MAX_FLEET = 1000
+EXIT_ERROR = 2
+"""Exit status of a service that could not start or go on, and said why in one line."""
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, like all others."""
+
+    def error(self, message: str) -> NoReturn:
+        """End the process with the message and how to get help."""
+        self.exit(EXIT_ERROR, f"{self.prog}: {message}; see {self.prog} --help\n")
+
+
+def parser(name: str, summary: str) -> argparse.ArgumentParser:
+    """Return a parser with the options that every service takes."""
+    made = Parser(prog=f"treenail {name}", description=summary)
+    add_arguments(made)
+    made.add_argument(
+        "--fleet",
+        type=int,
+        default=os.environ.get(FLEET) or None,
+        metavar="N",
+        help=f"stand in the first of the cells 1 to N that is without this service (default: ${FLEET}, else --cell)",
+    )
+    return made
+
+
+def add_arguments(made: argparse.ArgumentParser, connect_timeout_s: float = 30.0) -> None:
+    """Add the options that say which cell, where its router is, and who we are."""
+    made.add_argument("--cell", default=os.environ.get(CELL, "a"), help=f"name of the cell (default: ${CELL} or a)")
+    made.add_argument(
+        "--connect",
+        action="append",
+        metavar="ENDPOINT",
+        help=f"Zenoh endpoint of the router, may be repeated (default: ${CONNECT}, with commas, or {DEFAULT_ENDPOINT})",
+    )
+    made.add_argument(
+        "--connect-timeout",
+        type=float,
+        default=connect_timeout_s,
+        metavar="S",
+        help=f"seconds to wait for the router (default: {connect_timeout_s:g})",
+    )
+    add_certs(made)
+
+
+def add_certs(made: argparse.ArgumentParser) -> None:
+    """Add the option that says who we are."""
+    made.add_argument(
+        "--certs",
+        type=Path,
+        default=os.environ.get(CERTS) or None,
+        metavar="FOLDER",
+        help=f"folder with ca.pem, cert.pem and key.pem, from treenail certs, for mutual TLS (default: ${CERTS})",
+    )
+
+
+def options(arguments: argparse.Namespace) -> Options:
+    """Return the shared options of parsed arguments."""
+    told = [word.strip() for word in os.environ.get(CONNECT, "").split(",") if word.strip()]
+    usual = DEFAULT_ENDPOINT if arguments.certs is None else DEFAULT_SECURE_ENDPOINT
+    connect = tuple(arguments.connect or told or (usual,))
+    fleet = getattr(arguments, "fleet", None)  # not an option of clients
+    if fleet is not None and not 1 <= fleet <= MAX_FLEET:
+        raise TreenailError(f"--fleet: expected 1 to {MAX_FLEET} cells, got {fleet}")
+    return Options(arguments.cell, connect, arguments.connect_timeout, arguments.certs, fleet)
+
+
+def die_with_parent() -> None:
+    """Ask Linux to stop this process when the one that started it dies, however it dies (set by ``treenail up``)."""
+    parent = os.environ.get(DIE_WITH_PARENT)
+    if parent is None:
+        return
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    if str(os.getppid()) != parent:
+        sys.exit(EXIT_ERROR)  # it died before we asked
+
+
+def run(name: str, main: Callable[[], None]) -> int:
+    """Run a service's main function; return the exit status. Errors of ours are one line, without a traceback."""
+    die_with_parent()
+    logging.basicConfig(stream=sys.stdout, level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
+    try:
+        main()
+    except TreenailError as error:
+        print(f"treenail {name}: {error}", file=sys.stderr)
+        return EXIT_ERROR
+    except KeyboardInterrupt:
+        return 130
+    return 0

@@ -1,0 +1,120 @@
+"""Roles: one process per service and cell holds one, and its messages count, nobody else's.
+
+A role is held by a liveliness token ``claim/<service>/<instance>``; an instance is named after its claim's time and its
+Zenoh session, the earlier one sorts first. Zenoh's timestamp of a message tells which session it came from.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from typing import TypeAlias
+
+import zenoh
+from zenoh.handlers import Callback
+
+from services.bus.session import LEASE_MS
+from services.wire.errors import RoleTakenError, StrangerError
+from services.wire.keys import Keys
+
+SampleHandler: TypeAlias = "Callback[zenoh.Sample]"
+
+SETTLE_S = 0.25
+"""How long an earlier claim of the same cell of a fleet may take to be seen."""
+
+
+class Roles:
+    """Who holds which role in one cell, as far as one process knows."""
+
+    def __init__(self, session: zenoh.Session, keys: Keys, name: str) -> None:
+        self.ousted: RoleTakenError | None = None
+        """Set when an earlier holder of our own role, cut off from the router when we claimed it, is back."""
+        self._session = session
+        self.instance = ""
+        """Named when the role is claimed."""
+        self.keys = keys
+        self._name = name
+        self._holders: dict[str, set[str]] = {}
+        """Sessions of who holds a role; a role that nobody has held yet is not in it."""
+        self._declared: list[object] = []
+
+    def follow(self, post: Callable[[zenoh.Sample], None]) -> None:
+        """Have ``note`` called, by way of ``post``, with what anybody in the cell claims, now and later."""
+        callback: SampleHandler = Callback(post, indirect=False)
+        key = self.keys.of("claim/*/*")
+        self._declared.append(self._session.liveliness().declare_subscriber(key, callback, history=True))
+
+    def attempt(self, settle_s: float = 0.0) -> RoleTakenError | None:
+        """Take this process's role if it is free; otherwise return who has it, with nothing left behind.
+
+        With ``settle_s`` it is looked again after that time whether somebody earlier has come.
+        """
+        if others := self._others():
+            return self._taken(others)
+        self.instance = f"{time.time_ns():020d}-{self._session.zid()}"
+        token = self._session.liveliness().declare_token(self.keys.of(f"claim/{self._name}/{self.instance}"))
+        # Of two that came at once, the earlier one stays.
+        earlier = self._earlier()
+        if settle_s > 0.0 and not earlier:
+            time.sleep(settle_s)
+            earlier = self._earlier()
+        if earlier:
+            token.undeclare()  # type: ignore[no-untyped-call]
+            return self._taken(earlier)
+        self._declared.append(token)
+        return None
+
+    def note(self, sample: zenoh.Sample) -> None:
+        """Note that a claim came or went."""
+        role, instance = str(sample.key_expr).split("/")[-2:]
+        holders = self._holders.setdefault(role, set())
+        session = instance.rpartition("-")[2]
+        if sample.kind == zenoh.SampleKind.DELETE:
+            holders.discard(session)
+            return
+        holders.add(session)
+        if role == self._name and instance < self.instance:
+            self.ousted = self._taken([instance])
+
+    def check_sender(self, sample: zenoh.Sample, roles: tuple[str, ...]) -> None:
+        """Raise StrangerError for a message of none of the roles' holders; any sender will do while there was none."""
+        held = [self._holders[role] for role in roles if role in self._holders]
+        sender = None if sample.timestamp is None else str(sample.timestamp.get_id())
+        if held and not any(sender in holders for holders in held):
+            raise StrangerError(f"{sample.key_expr}: expected a message of {' or '.join(roles)}, got one of {sender}")
+
+    def _earlier(self) -> list[str]:
+        return [other for other in self._others() if other < self.instance]
+
+    def _others(self) -> list[str]:
+        replies = self._session.liveliness().get(self.keys.of(f"claim/{self._name}/*"), timeout=1.0)
+        found = (str(reply.ok.key_expr).rpartition("/")[2] for reply in replies if reply.ok is not None)
+        return [instance for instance in found if instance != self.instance]
+
+    def _taken(self, others: list[str]) -> RoleTakenError:
+        return RoleTakenError(
+            f"{self._name}: expected to be the only one in cell {self.keys.cell!r}, "
+            f"but {len(others)} other has this role (instance {others[0]})"
+        )
+
+
+def take_role(session: zenoh.Session, cells: Sequence[Keys], name: str, stopping: Callable[[], bool]) -> Roles:
+    """Take a role in the first of some cells where nobody has it.
+
+    Raises RoleTakenError when other processes keep it in all of them.
+    """
+    deadline = time.monotonic() + 2.0 * LEASE_MS / 1000  # a predecessor that just died may still be listed
+    while True:
+        for keys in cells:
+            roles = Roles(session, keys, name)
+            # Who finds out too late that another has taken the same cell has to end, though another cell is free.
+            taken = roles.attempt(SETTLE_S if len(cells) > 1 else 0.0)
+            if taken is None:
+                return roles
+        if time.monotonic() > deadline or stopping():
+            break
+        time.sleep(0.05)
+    if len(cells) == 1 and taken is not None:
+        raise taken
+    names = f"{cells[0].cell} to {cells[-1].cell}"
+    raise RoleTakenError(f"{name}: expected one of the {len(cells)} cells {names} to be without one, all have theirs")

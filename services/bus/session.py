@@ -1,0 +1,142 @@
+"""Zenoh sessions: every service is a client of one router; scouting off, explicit endpoints, timestamps on."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+# Zenoh reads this once per process, before its first session. Fewer runtimes mean fewer wake-ups and so less latency,
+# but sending keeps a runtime of its own: a receiving thread that has to wait for room in the send queue would otherwise
+# wait for itself; see docs/decisions/0003-zenoh-runtime.md. Sockets belong to that runtime too (net, acc), as it has to
+# hear when they can be written to again: a router without lost every message that was larger than their buffers.
+os.environ.setdefault(
+    "ZENOH_RUNTIME", "(rx: (handover: app), net: (handover: tx), acc: (handover: tx), tx: (worker_threads: 1))"
+)
+# A timestamp says who sent a message. One that is further ahead of the own clock than this would be replaced by whoever
+# gets it, as if it were a message of his own: then a clock that jumps, or two machines half a second apart, would stop
+# the cell. Nothing here takes these timestamps for the time of day. They follow the clock that is furthest ahead, only
+# not into 2106, where Zenoh's time ends: one message from there would stop the cell for good.
+os.environ.setdefault("UHLC_MAX_DELTA_MS", str(20 * 366 * 24 * 3600 * 1000))
+
+import zenoh
+
+from services.bus.access import ROUTER, access_control
+from services.bus.tls import check_endpoints, identity, trouble
+from services.wire.errors import CellError
+
+DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
+DEFAULT_SECURE_ENDPOINT = "tls/127.0.0.1:7447"
+LEASE_MS = 1000
+"""How long a silent peer counts as present; a dead process is noticed at once, a frozen host after this."""
+
+_PIECE_S = 0.5
+
+_PRIORITIES = (
+    "control",
+    "real_time",
+    "interactive_high",
+    "interactive_low",
+    "data_high",
+    "data",
+    "data_low",
+    "background",
+)
+
+
+def _config(settings: dict[str, object], tls: dict[str, object] | None) -> zenoh.Config:
+    """``tls`` is None for sessions without encryption, which then cannot be asked for by an endpoint either."""
+    link: dict[str, object] = {"tx": {"lease": LEASE_MS, "queue": {"size": dict.fromkeys(_PRIORITIES, 16)}}}
+    if tls is not None:
+        link |= {"tls": tls, "protocols": ["tls"]}
+    common: dict[str, object] = {
+        "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
+        "timestamping": {"enabled": True},
+        "transport": {"link": link, "shared_memory": {"enabled": False}},
+    }
+    return zenoh.Config.from_json5(json.dumps({**common, **settings}))
+
+
+def open_client(
+    endpoints: Sequence[str],
+    timeout_s: float = 30.0,
+    stopping: Callable[[], bool] = lambda: False,
+    certs: Path | None = None,
+    name: str | None = None,
+) -> zenoh.Session:
+    """Return a session with the router at one of ``endpoints``, waiting for it to come up.
+
+    ``stopping`` is asked now and then whether to give up. ``certs`` is the folder with the certificate of ``name``
+    (None: anybody's) for mutual TLS. Raises CellError when none answers within ``timeout_s``, when an endpoint is
+    malformed, when the certificate cannot be used, and when router and we refuse each other's.
+    """
+    check_endpoints(endpoints, certs)
+    us = None if certs is None else identity(certs, name)
+    tls = None if us is None else us.zenoh(listen=False)
+    deadline = time.monotonic() + timeout_s
+    retry = {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 2}
+    while True:
+        # Zenoh's own waiting cannot be interrupted, so it is done in pieces.
+        began, piece_s = time.monotonic(), max(0.01, min(_PIECE_S, deadline - time.monotonic()))
+        connect = {"endpoints": list(endpoints), "timeout_ms": int(piece_s * 1000), "retry": retry}
+        try:
+            return zenoh.open(_config({"mode": "client", "connect": connect}, tls))
+        except zenoh.ZError as error:
+            at_once = time.monotonic() < began + piece_s / 2
+            troubles = [] if us is None else [found for item in endpoints if (found := trouble(item, us))]
+            if troubles and len(troubles) == len(endpoints) and all(found.final for found in troubles):
+                raise CellError("; ".join(found.reason for found in troubles)) from None
+            if at_once or time.monotonic() >= deadline or stopping():
+                where = ", ".join(endpoints)
+                waited = "" if at_once else f", none answered within {timeout_s:g} s"
+                why = "; ".join(found.reason for found in troubles) or _brief(error)
+                raise CellError(f"router: expected one at {where}{waited} ({why})") from None
+
+
+def open_router(endpoints: Sequence[str], certs: Path | None = None) -> zenoh.Session:
+    """Return a session that is Zenoh's own router, listening on ``endpoints``.
+
+    With ``certs``, the folder with the router's certificate, only clients with a certificate of the same authority can
+    connect, and each may do what services.bus.access says. Raises CellError when it cannot.
+    """
+    check_endpoints(endpoints, certs)
+    settings: dict[str, object] = {
+        "mode": "router",
+        "listen": {"endpoints": list(endpoints)},
+        "connect": {"endpoints": []},
+        "adminspace": {"enabled": True},
+    }
+    tls = None
+    if certs is not None:
+        tls = identity(certs, ROUTER).zenoh(listen=True)
+        settings["access_control"] = access_control()
+    try:
+        return zenoh.open(_config(settings, tls))
+    except zenoh.ZError as error:
+        where = ", ".join(endpoints)
+        raise CellError(f"router: cannot listen on {where}: is the port taken? ({_brief(error)})") from None
+
+
+def come_after(session: zenoh.Session, samples: Iterable[zenoh.Sample]) -> None:
+    """See to it that a session's timestamps come after those of stored values, also when the clock was set back."""
+    newest = max((sample for sample in samples if sample.timestamp is not None), key=_time_of, default=None)
+    if newest is not None and _time_of(newest) >= _ntp64(session.new_timestamp()):
+        # A session's clock follows the messages that it sends and gets, but not answers, and cannot be set. A stored
+        # value that is put again with its own timestamp changes nothing in the store.
+        session.put(newest.key_expr, newest.payload, encoding=newest.encoding, timestamp=newest.timestamp)
+
+
+def _time_of(sample: zenoh.Sample) -> int:
+    return 0 if sample.timestamp is None else _ntp64(sample.timestamp)
+
+
+def _ntp64(timestamp: zenoh.Timestamp) -> int:
+    """Return the time of a timestamp as Zenoh counts it: in units of 2**-32 s."""
+    return int(str(timestamp.get_time_as_ntp64()))
+
+
+def _brief(error: Exception) -> str:
+    """Return the first sentence of one of Zenoh's many-part errors."""
+    return str(error).split(" at ")[0].strip()[:200] or type(error).__name__

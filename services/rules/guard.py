@@ -1,0 +1,134 @@
+"""The guard beside the robot: the last thing before a motion, for ``sim`` and ``robot_link`` alike. Pure.
+
+It needs no learner, no task and no network: whoever asks for a motion, it is made only inside these limits.
+
+    sensor      a usable F/T sample, not older than a set time
+    steps       each component within the experiment's action set, no more motions than an episode may have
+    workspace   how deep, how far from the start and how far turned one episode may take the arm
+    force       no motion after a collision; what is felt and what the motion can add stay within the hard limit
+
+How to call it: before ``home``, ``homing``; before a motion, ``moving`` with the newest sample and its age. What comes
+back is the reason not to move, or None. Afterwards ``homed``, or ``moved`` with what was really applied.
+
+An age is told in seconds of a clock that both its ends were read from. For a real sensor that is the monotonic clock of
+the guard's own process, from the sample's arrival to now, so that no two clocks need agree; the simulator's time is
+simulated. A robot link has its own subscription to ``ft`` for this, and asks ``sensing`` in its loop as well, to say
+that it stands and why. All motions are single increments: a sensor lost in one stops the arm before the next, and a
+guard that is dead commands nothing.
+"""
+
+from __future__ import annotations
+
+import math
+
+from services.rules.workspace import Workspace
+from services.wire.actions import Increment
+from services.wire.definition import Definition
+from services.wire.force_bound import ForceBound
+from services.wire.messages import FtPacket, Home, Move, Moved
+
+OLDEST_S = 0.1
+"""Age of an F/T sample above which it says nothing about now, unless the guard is told another."""
+_UNUSABLE = ((0, "saturated"), (2, "lost"), (3, "changed"), (4, "not yet zeroed"))
+"""Bits of ``FtPacket.status`` with which the force is not known."""
+_ROUNDING = 1e-9
+_ONLY_HOME = "only home is taken"
+
+
+class Guard:
+    """The limits of one experiment, and where the arm was commanded to since the last ``home``."""
+
+    def __init__(self, definition: Definition, oldest_s: float = OLDEST_S) -> None:
+        """Take the limits from a definition; an F/T sample may be ``oldest_s`` seconds old."""
+        start, moves, limits = definition.start, definition.moves, definition.limits
+        xy, tilt = start.xy_spread_mm, start.tilt_spread_deg
+        self._starts = {
+            "x_mm": (start.x_mm - xy, start.x_mm + xy),
+            "y_mm": (start.y_mm - xy, start.y_mm + xy),
+            "z_mm": (-start.height_mm, -start.height_mm),
+            "rx_deg": (start.rx_deg - tilt, start.rx_deg + tilt),
+            "ry_deg": (start.ry_deg - tilt, start.ry_deg + tilt),
+            "rz_deg": (start.rz_deg - tilt, start.rz_deg + tilt),
+        }
+        turn_z = moves.rotation_deg if moves.actions == 11 else 0.0
+        turn = moves.rotation_deg if moves.actions >= 9 else 0.0
+        self._steps = {
+            "dx_mm": (-moves.lateral_mm, moves.lateral_mm),
+            "dy_mm": (-moves.lateral_mm, moves.lateral_mm),
+            "dz_mm": (0.0, moves.insertion_mm),
+            "rx_deg": (-turn, turn),
+            "ry_deg": (-turn, turn),
+            "rz_deg": (-turn_z, turn_z),
+        }
+        self._oldest_s = oldest_s
+        self._most_steps = limits.move_limit
+        self._collision_force_n, self._hard_force_n = limits.collision_force_n, limits.hard_force_n
+        self._bound = ForceBound(definition)
+        self._workspace = Workspace(definition)
+
+    def homing(self, home: Home) -> str | None:
+        """Return why a start pose is refused, or None: only those that the experiment begins episodes with are taken.
+
+        It is the way out of everything else, so it needs neither a sensor nor a low force.
+        """
+        return _outside(home, self._starts)
+
+    def homed(self, home: Home) -> None:
+        """Take note that the arm stands at a start pose."""
+        self._workspace.begin(home.z_mm)
+
+    def moving(self, move: Move, felt: FtPacket | None, age_s: float) -> str | None:
+        """Return why a motion is refused, or None. ``felt``: the newest F/T sample, ``age_s`` seconds old."""
+        complaint = self.sensing(felt, age_s) or _outside(move, self._steps)
+        if complaint is not None or felt is None:
+            return complaint
+        if move.step > self._most_steps:
+            return f"guard: step: expected at most {self._most_steps} motions since home, got {move.step}; {_ONLY_HOME}"
+        increment = increment_of(move)
+        return self._workspace.complaint(increment) or self._pressing(math.hypot(*felt.force_n[-1]), increment)
+
+    def moved(self, applied: Moved) -> None:
+        """Take note of what was really applied."""
+        self._workspace.take(increment_of(applied))
+
+    def sensing(self, felt: FtPacket | None, age_s: float) -> str | None:
+        """Return why nothing may move with this F/T sample, or None."""
+        if felt is None:
+            return f"guard: sensor: expected an F/T sample, got none; {_ONLY_HOME}"
+        if not 0.0 <= age_s <= self._oldest_s:  # an age that is no number never passes
+            expected = f"expected an F/T sample of 0 to {self._oldest_s} s ago"
+            return f"guard: sensor: {expected}, got one of {age_s:.3f} s ago; {_ONLY_HOME}"
+        for bit, name in _UNUSABLE:
+            if felt.status >> bit & 1:
+                return f"guard: sensor: expected a usable F/T sample, got status {felt.status} ({name}); {_ONLY_HOME}"
+        if not all(math.isfinite(value) for load in (*felt.force_n, *felt.torque_nm) for value in load):
+            got = f"{felt.force_n[-1]} N and {felt.torque_nm[-1]} N m"
+            return f"guard: sensor: expected a finite force and torque, got {got}; {_ONLY_HOME}"
+        return None
+
+    def _pressing(self, force_n: float, increment: Increment) -> str | None:
+        """Return why a motion is refused after a force of this magnitude, or None."""
+        if force_n >= self._collision_force_n:
+            expected = f"expected less than the {self._collision_force_n} N of a collision"
+            return f"guard: force: {expected}, got {force_n:.2f} N; {_ONLY_HOME}"
+        added_n, most_n = self._bound.added_n(increment), self._bound.largest_n
+        if added_n > most_n + _ROUNDING:
+            return f"guard: size: expected at most the {most_n:.2f} N that one action can add, got {added_n:.2f} N"
+        if force_n + added_n > self._hard_force_n:
+            got = f"{force_n:.2f} N and {added_n:.2f} N that this motion can add"
+            return f"guard: force: expected at most {self._hard_force_n} N after the motion, got {got}"
+        return None
+
+
+def increment_of(message: Move | Moved) -> Increment:
+    """Return the motion in a request or in its reply."""
+    return Increment(message.dx_mm, message.dy_mm, message.dz_mm, message.rx_deg, message.ry_deg, message.rz_deg)
+
+
+def _outside(message: Home | Move, ranges: dict[str, tuple[float, float]]) -> str | None:
+    """Return which component lies outside its range, or None."""
+    for name, (low, high) in ranges.items():
+        value = getattr(message, name)
+        if not low - _ROUNDING <= value <= high + _ROUNDING:  # what is no number never passes
+            return f"guard: {name}: expected {low} to {high}, got {value}"
+    return None

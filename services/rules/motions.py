@@ -1,0 +1,110 @@
+"""What the robot answers, whatever arm it has: order, guard, repetition. Pure; the motion itself is somebody else's.
+
+    not homed --homed--> at step n of an episode --moved--> at step n + 1 ...      any fault --> not homed
+
+After a fault every motion but ``home`` is out of order, so that the task begins the episode anew.
+"""
+
+from __future__ import annotations
+
+import math
+
+from services.rules.guard import Guard
+from services.wire.actions import Increment
+from services.wire.definition import Definition
+from services.wire.errors import RefusedError
+from services.wire.messages import FtPacket, Home, Move, Moved
+
+
+class OutOfOrderError(RefusedError):
+    """A motion that is neither the next one nor the last one again."""
+
+    reason = "out_of_order"
+
+
+class GuardError(RefusedError):
+    """A motion that the guard refuses."""
+
+    reason = "guard"
+
+
+class OtherRunError(RefusedError):
+    """A motion of another run than the task's."""
+
+    reason = "foreign_run"
+
+
+class Robot:
+    """Motions of one run."""
+
+    def __init__(self, definition: Definition, run: str, oldest_s: float) -> None:
+        self.run = run
+        self._guard = Guard(definition, oldest_s)
+        self._hard_force_n = definition.limits.hard_force_n
+        self._last: Home | Move | None = None
+        self._done: Moved | None = None
+
+    def home(self, home: Home) -> None:
+        """Allow ``home``. Raises GuardError, OtherRunError."""
+        self._check_run(home.run)
+        _allow(self._guard.homing(home))
+
+    def homed(self, home: Home, arrived_t_ns: int) -> Moved:
+        """Take note that it is done, and return the answer."""
+        self._guard.homed(home)
+        self._last = home
+        self._done = Moved(run=home.run, episode=home.episode, step=0, arrived_t_ns=arrived_t_ns)
+        return self._done
+
+    def again(self, move: Move, felt: FtPacket | None, age_s: float) -> Moved | None:
+        """Return the answer to a motion that is made already, None for one that is not. Raises as ``move``."""
+        self._check_run(move.run)
+        if self._done is None or move != self._last:
+            return None
+        _allow(self._guard.sensing(felt, age_s))
+        return self._done
+
+    def move(self, move: Move, felt: FtPacket | None, age_s: float) -> None:
+        """Allow the next motion with the newest F/T sample, ``age_s`` seconds old.
+
+        Raises OutOfOrderError, GuardError, OtherRunError.
+        """
+        self._check_run(move.run)
+        done = self._done
+        if done is None or (move.episode, move.step) != (done.episode, done.step + 1):
+            at = "not homed" if done is None else f"at episode {done.episode}, step {done.step}"
+            raise OutOfOrderError(f"move: cannot make step {move.step} of episode {move.episode}: the robot is {at}")
+        _allow(self._guard.moving(move, felt, age_s))
+
+    def moved(self, move: Move, applied: Increment, arrived_t_ns: int) -> Moved:
+        """Take note of what was applied, and return the answer."""
+        answer = Moved(
+            run=move.run, episode=move.episode, step=move.step, arrived_t_ns=arrived_t_ns, **applied._asdict()
+        )
+        self._guard.moved(answer)
+        self._last, self._done = move, answer
+        return answer
+
+    def lost(self) -> None:
+        """Take note that nobody knows where the arm is; also before a motion begins, until it is confirmed."""
+        self._last = self._done = None
+
+    def sensing(self, felt: FtPacket | None, age_s: float) -> str | None:
+        """Return why nothing may move with this F/T sample, or None."""
+        return self._guard.sensing(felt, age_s)
+
+    def pressing(self, felt: FtPacket) -> str | None:
+        """Return why a motion that is under way has to be stopped, or None."""
+        force_n = max(math.hypot(*force) for force in felt.force_n)
+        if force_n <= self._hard_force_n:
+            return None
+        return f"robot: expected at most {self._hard_force_n} N in a motion, got {force_n:.2f} N; told to abort"
+
+    def _check_run(self, run: str) -> None:
+        if run != self.run:
+            raise OtherRunError(f"robot: this cell runs {self.run}, got a motion of run {run}")
+
+
+def _allow(complaint: str | None) -> None:
+    if complaint is not None:
+        raise GuardError(complaint)

@@ -1,0 +1,92 @@
+"""How far one episode may take the arm: what is commanded since ``home``, added up as a robot knows it. Pure.
+
+Distance and turn are those of the composed motion, not sums of components: a sequence of small turns and shifts that
+cancel out component by component still leads away.
+"""
+
+from __future__ import annotations
+
+import math
+
+from services.wire.actions import Increment
+from services.wire.definition import Definition
+from services.wire.definition_rules import reach_mm
+
+Vector = tuple[float, float, float]
+Matrix = tuple[Vector, Vector, Vector]
+
+_UPRIGHT: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+_ROUNDING = 1e-6
+"""Tolerance [mm, deg] for what adding up thousands of motions in another order gives."""
+
+
+class Workspace:
+    """Depth, distance from the start and turn since the start, each with its limit."""
+
+    def __init__(self, definition: Definition) -> None:
+        """Take the limits from a definition; where it gives none, what its longest episode can do."""
+        moves, limits = definition.moves, definition.limits
+        self._most_mm = limits.workspace_mm or limits.move_limit * max(moves.lateral_mm, moves.insertion_mm)
+        self._most_deg = limits.workspace_deg or min(180.0, limits.move_limit * moves.rotation_deg)
+        self._deepest_mm = limits.deepest_mm or reach_mm(definition)
+        self.begin(0.0)
+
+    def begin(self, z_mm: float) -> None:
+        """Begin at a start pose whose tip is ``z_mm`` below the mouth."""
+        self._depth_mm = z_mm
+        self._position: Vector = (0.0, 0.0, 0.0)
+        """Tip in the tool frame of the start [mm]."""
+        self._turn = _UPRIGHT
+        """Orientation in that frame, row by row."""
+
+    def complaint(self, increment: Increment) -> str | None:
+        """Return which limit a motion would lead beyond, or None."""
+        depth_mm = self._depth_mm + increment.dz_mm
+        if depth_mm > self._deepest_mm + _ROUNDING:
+            return f"guard: depth: expected at most {self._deepest_mm:.3f} mm commanded, got {depth_mm:.3f}"
+        position, turn = self._after(increment)
+        away_mm = math.hypot(*position)
+        if away_mm > self._most_mm + _ROUNDING:
+            return f"guard: workspace: expected at most {self._most_mm:g} mm from the start, got {away_mm:.3f}"
+        cosine = (turn[0][0] + turn[1][1] + turn[2][2] - 1.0) / 2.0
+        turned_deg = math.degrees(math.acos(min(1.0, max(-1.0, cosine))))
+        if turned_deg > self._most_deg + _ROUNDING:
+            return f"guard: workspace: expected at most {self._most_deg:g} deg turned, got {turned_deg:.3f}"
+        return None
+
+    def take(self, increment: Increment) -> None:
+        """Add a motion that was made."""
+        self._depth_mm += increment.dz_mm
+        self._position, self._turn = self._after(increment)
+
+    def _after(self, increment: Increment) -> tuple[Vector, Matrix]:
+        dx, dy, dz = increment[:3]
+        a, b, c = (row[0] * dx + row[1] * dy + row[2] * dz for row in self._turn)
+        x, y, z = self._position
+        position = (x + a, y + b, z + c)
+        if increment[3:] == (0.0, 0.0, 0.0):
+            return position, self._turn
+        return position, _product(self._turn, _rotation(*increment[3:]))
+
+
+def _product(left: Matrix, right: Matrix) -> Matrix:
+    p, q, r = right
+    first, second, third = (
+        (
+            a * p[0] + b * q[0] + c * r[0],
+            a * p[1] + b * q[1] + c * r[1],
+            a * p[2] + b * q[2] + c * r[2],
+        )
+        for a, b, c in left
+    )
+    return first, second, third
+
+
+def _rotation(rx_deg: float, ry_deg: float, rz_deg: float) -> Matrix:
+    """Matrix of R = Rz(rz) Ry(ry) Rx(rx), row by row."""
+    (cx, sx), (cy, sy), (cz, sz) = ((math.cos(a), math.sin(a)) for a in map(math.radians, (rx_deg, ry_deg, rz_deg)))
+    return (
+        (cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx),
+        (sz * cy, sz * sy * sx + cz * cx, sz * sy * cx - cz * sx),
+        (-sy, cy * sx, cy * cx),
+    )

@@ -1,0 +1,111 @@
+"""What no single key of a definition can show: settings that contradict each other. Pure."""
+
+from __future__ import annotations
+
+import math
+
+from services.wire.definition import Art2Settings, Definition
+from services.wire.force_bound import ForceBound
+
+_ROUNDING = 1e-9
+_SOFTEST_N_PER_MM = 1.0
+"""A peg softer than this sinks into the material instead of touching it."""
+
+
+def contradiction(definition: Definition) -> tuple[str, str] | None:
+    """Return a key whose value cannot be used beside the others, with what was expected and got; None for none.
+
+    It is what no single field can show: a definition without one can be simulated and learnt.
+    """
+    parts, limits, classifier, sensor = definition.parts, definition.limits, definition.classifier, definition.sensor
+    theta, encoding = (classifier.theta, classifier.encoding) if isinstance(classifier, Art2Settings) else (0.0, "odd")
+    inputs = 6 if encoding == "odd" else 12
+    height_mm, dip_mm = definition.start.height_mm, _dip_mm(definition)
+    room_mm = parts.clearance_mm + parts.chamfer_mm - max(0.0, dip_mm - height_mm)
+    stiffness = definition.contact.stiffness_n_per_mm
+    rules = (
+        (
+            limits.contact_force_n < limits.collision_force_n,
+            "limits.contact_force_n",
+            f"expected less than limits.collision_force_n = {limits.collision_force_n}, got {limits.contact_force_n}",
+        ),
+        (
+            limits.collision_force_n < limits.hard_force_n,
+            "limits.hard_force_n",
+            f"expected more than limits.collision_force_n = {limits.collision_force_n}, got {limits.hard_force_n}",
+        ),
+        (
+            theta < 1 / math.sqrt(inputs),
+            "classifier.theta",
+            f"expected less than 1/sqrt({inputs}) with encoding {encoding!r}, got {theta}",
+        ),
+        (
+            parts.clearance_mm < parts.peg_width_mm,
+            "parts.clearance_mm",
+            f"expected less than parts.peg_width_mm = {parts.peg_width_mm}, got {parts.clearance_mm}",
+        ),
+        (
+            dip_mm < height_mm or _aside_mm(definition) < room_mm,
+            "start.height_mm",
+            f"expected more than {dip_mm:.3f}, or the tilted tip starts inside the material, got {height_mm}",
+        ),
+        (
+            (sensor.full_scale_n == 0) == (sensor.full_scale_dnm == 0),
+            "sensor.full_scale_dnm",
+            f"expected 0 if and only if sensor.full_scale_n = {sensor.full_scale_n} is, got {sensor.full_scale_dnm}",
+        ),
+        (
+            sensor.full_scale_n == 0 or sensor.full_scale_n >= limits.hard_force_n,
+            "sensor.full_scale_n",
+            f"expected 0 or at least limits.hard_force_n = {limits.hard_force_n}, got {sensor.full_scale_n}",
+        ),
+        (
+            stiffness == 0.0 or stiffness >= _SOFTEST_N_PER_MM,
+            "contact.stiffness_n_per_mm",
+            f"expected 0 for a rigid peg or at least {_SOFTEST_N_PER_MM}, got {stiffness}",
+        ),
+    )
+    return next(((key, complaint) for holds, key, complaint in rules if not holds), None) or obstruction(definition)
+
+
+def _dip_mm(definition: Definition) -> float:
+    """Return how far the edge of the most tilted tip that an episode may start with is below the tip's centre."""
+    parts, start = definition.parts, definition.start
+    rx = math.radians(abs(start.rx_deg) + start.tilt_spread_deg)
+    ry = math.radians(abs(start.ry_deg) + start.tilt_spread_deg)
+    slope_x, slope_y = math.sin(ry), math.cos(ry) * math.sin(rx)
+    reach = math.hypot(slope_x, slope_y) if parts.shape == "round" else slope_x + slope_y
+    return parts.peg_width_mm / 2 * reach
+
+
+def _aside_mm(definition: Definition) -> float:
+    """Return how far the tip that an episode starts with can reach beyond a centred one, across the hole."""
+    parts, start = definition.parts, definition.start
+    x_mm, y_mm = abs(start.x_mm) + start.xy_spread_mm, abs(start.y_mm) + start.xy_spread_mm
+    if parts.shape == "round":
+        return math.hypot(x_mm, y_mm)
+    turn = math.radians(abs(start.rz_deg) + start.tilt_spread_deg)
+    return max(x_mm, y_mm) + parts.peg_width_mm / 2 * (math.cos(turn) + math.sin(turn) - 1.0)
+
+
+def obstruction(definition: Definition) -> tuple[str, str] | None:
+    """Return a limit that episodes of a definition would run into, as key and complaint; None when there is none.
+
+    A refused motion ends a run for good, so the guard has to let everything pass that a task may ask for. How far an
+    episode wanders cannot be known; ``workspace_mm`` and ``workspace_deg`` are the user's own to choose.
+    """
+    limits = definition.limits
+    needed_n = math.ceil(100.0 * ForceBound(definition).needed_n) / 100.0
+    if limits.hard_force_n < needed_n:
+        why = f"limits.collision_force_n = {limits.collision_force_n} and what a move can add to it on this wrist"
+        return "limits.hard_force_n", f"expected at least {needed_n} for {why}, got {limits.hard_force_n}"
+    if 0.0 < limits.deepest_mm < reach_mm(definition) - _ROUNDING:
+        expected = f"expected 0, or at least {reach_mm(definition):.3f} for an episode to succeed"
+        return "limits.deepest_mm", f"{expected}, got {limits.deepest_mm}"
+    return None
+
+
+def reach_mm(definition: Definition) -> float:
+    """Return the greatest depth below the mouth [mm] that an episode commands: that of success and one step more."""
+    limits = definition.limits
+    return limits.success_fraction * definition.parts.peg_height_mm + definition.moves.insertion_mm

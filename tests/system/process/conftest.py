@@ -1,0 +1,57 @@
+"""Whole cells as ``treenail up`` brings them up."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Protocol
+
+import pytest
+
+from services.bus.session import open_client
+from services.wire.keys import ACTION, Keys
+
+
+class Up(Protocol):
+    """Starts ``treenail up sim`` on free ports."""
+
+    def __call__(self, out: Path, episodes: int, *options: str, seed: int = 1) -> Any:
+        """Return the process."""
+
+
+@pytest.fixture
+def up(run_module: Callable[..., Any], small: Path) -> Up:
+    def start(out: Path, episodes: int, *options: str, seed: int = 1) -> Any:
+        words = ["--experiment", str(small), "--episodes", str(episodes), "--seed", str(seed), "--out", str(out)]
+        return run_module("treenail.__main__", "up", "sim", *words, "--port", "0", "--no-viewer", *options)
+
+    return start
+
+
+@pytest.fixture
+def endpoint_of(wait_until: Callable[..., None]) -> Callable[[Path], str]:
+    """Where the router of a run listens, from its log."""
+
+    def find(out: Path) -> str:
+        log = out / "logs" / "router.log"
+        wait_until("the router listens", lambda: log.exists() and "listening on" in log.read_text())
+        return log.read_text().split("listening on ")[-1].split()[0]
+
+    return find
+
+
+@pytest.fixture
+def after_actions(wait_until: Callable[..., None]) -> Callable[[str, int], None]:
+    """Waits until the agent of a cell has acted so often: the moment to disturb it."""
+
+    def wait(endpoint: str, count: int) -> None:
+        seen: list[object] = []
+        session = open_client([endpoint], 30.0)
+        try:
+            subscriber = session.declare_subscriber(Keys("a").of(ACTION), seen.append)
+            wait_until(f"{count} actions", lambda: len(seen) >= count)
+            subscriber.undeclare()  # type: ignore[no-untyped-call]
+        finally:
+            session.close()  # type: ignore[no-untyped-call]
+
+    return wait

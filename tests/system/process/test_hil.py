@@ -1,0 +1,94 @@
+"""``treenail up hil``: through emulated controller and sensor, byte for byte, a run ends as the one in one process."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from services.cell.hil import FULL_SCALES
+
+EPISODES = 12
+LONG = 24
+"""Episodes of a run in which every process is killed in turn."""
+
+
+@pytest.fixture
+def up_hil(run_module: Callable[..., Any], small: Path, tmp_path: Path) -> Callable[..., Any]:
+    """Starts ``treenail up hil`` on free ports."""
+
+    def start(*options: str, episodes: int = EPISODES) -> Any:
+        words = ["--experiment", str(small), "--episodes", str(episodes), "--seed", "1", "--out", str(tmp_path / "A")]
+        return run_module("treenail.__main__", "up", "hil", *words, "--port", "0", "--no-viewer", *options)
+
+    return start
+
+
+@pytest.mark.parametrize("link", ["terminal", "supervisory"])
+def test_through_both_protocols_a_run_ends_as_the_one_in_one_process(
+    up_hil: Callable[..., Any],
+    reference: Callable[..., dict[str, str]],
+    digests_in: Callable[[Path], dict[str, str]],
+    tmp_path: Path,
+    link: str,
+) -> None:
+    process = up_hil("--link", link)
+    assert process.end() == 0, process.err
+    assert process.err == ""
+    assert "the sensor is read in counts" in process.out
+    assert digests_in(tmp_path / "A") == reference(EPISODES, 1, *FULL_SCALES)
+
+
+def test_any_process_of_it_may_be_killed(
+    up_hil: Callable[..., Any],
+    reference: Callable[..., dict[str, str]],
+    digests_in: Callable[[Path], dict[str, str]],
+    endpoint_of: Callable[[Path], str],
+    after_actions: Callable[[str, int], None],
+    wait_until: Callable[..., None],
+    tmp_path: Path,
+) -> None:
+    process = up_hil(episodes=LONG)
+    endpoint = endpoint_of(tmp_path / "A")
+    for victim in ("robot_link", "sensor_jr3", "robot_link.emulator", "sensor_jr3.emulator", "sim", "task", "agent"):
+        after_actions(endpoint, 8)
+        wait_until(f"{victim} runs", lambda victim=victim: victim in process.children())
+        os.kill(process.children()[victim], signal.SIGKILL)
+    assert process.end() == 0, process.err
+    assert process.out.count("was killed by SIGKILL; starting it again") == 7
+    assert digests_in(tmp_path / "A") == reference(LONG, 1, *FULL_SCALES)
+
+
+def test_a_sensor_that_is_read_in_counts_is_left_as_it_is(
+    up_hil: Callable[..., Any],
+    reference: Callable[..., dict[str, str]],
+    digests_in: Callable[[Path], dict[str, str]],
+    tmp_path: Path,
+) -> None:
+    coarse = ("sensor.full_scale_n=65", "sensor.full_scale_dnm=50")
+    process = up_hil(*(word for item in coarse for word in ("--set", item)), episodes=4)
+    assert process.end() == 0, process.err
+    assert "the sensor is read in counts" not in process.out
+    assert digests_in(tmp_path / "A") == reference(4, 1, *coarse)
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (("sim", "--thesis-speed"), "--link, --thesis-speed: expected with `treenail up hil` only"),
+        (("sim", "--link", "terminal"), "--link, --thesis-speed: expected with `treenail up hil` only"),
+        (("hil", "--certs", "certs"), "--certs: expected none with `treenail up hil`"),
+        (("hil", "--experiment", "initial"), "start.xy_spread_mm: expected 0 with `treenail up hil`"),
+    ],
+)
+def test_options_that_do_not_go_together_are_one_line(
+    run_module: Callable[..., Any], words: tuple[str, ...], complaint: str
+) -> None:
+    process = run_module("treenail.__main__", "up", *words)
+    assert process.end() == 2
+    assert complaint in process.err
+    assert process.err.count("\n") == 1

@@ -1,0 +1,106 @@
+"""Who may do what: complete, in accord with the contract, and what docs/security.md says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+
+from services.bus.access import ACCESS, CLIENTS, NAMES, SERVICES, access_control, table
+from services.wire.keys import CONTRACT
+from treenail.__main__ import SERVICES as COMMANDS
+
+PAGE = Path(__file__).resolve().parents[3] / "docs" / "security.md"
+STORED = ("journal/**", "checkpoint/**")
+GROUPS = {
+    "anyone": set(CLIENTS),
+    "everyone": set(CLIENTS),
+    "workers": {"classifier", "agent"},
+    "each service": set(SERVICES),
+}
+
+
+def test_every_key_of_the_contract_has_its_rule_and_there_are_no_others() -> None:
+    assert set(ACCESS) == {key for key, *_ in CONTRACT} | set(STORED)
+
+
+def test_every_service_that_can_be_started_can_have_a_certificate() -> None:
+    assert set(COMMANDS) <= set(NAMES)
+
+
+def _who(words: str) -> set[str]:
+    """Return the names in one side of a route of the contract, as in ``sensor_jr3 or sim``."""
+    found: set[str] = set()
+    for word in words.replace(" or ", ", ").split(", "):
+        found |= GROUPS.get(word.strip(), {word.strip()})
+    return found
+
+
+@pytest.mark.parametrize("key", [key for key, *_ in CONTRACT])
+def test_the_rule_is_what_the_contract_says(key: str) -> None:
+    how, route = next((how, route) for name, how, route, *_ in CONTRACT if name == key)
+    access = ACCESS[key]
+    if route == "each service":
+        speaking = set(access.put) | set(access.be)
+        assert speaking == set(SERVICES)
+    elif how == "pub":
+        source, target = route.split(" -> ")
+        assert set(access.put) == _who(source)
+        assert set(access.hear) >= _who(target)
+        assert not access.ask and not access.answer
+    elif how == "query":
+        source, target = route.split(" -> ")
+        assert set(access.ask) >= _who(source)
+        assert set(access.answer) == _who(target)
+        assert not access.put and not access.hear
+    else:
+        stored = ACCESS[key.partition("/")[0] + "/**"]
+        assert stored.answer == ("store",) and "store" in stored.hear
+        source = route.split(" <-> ")[0]
+        assert access.put and set(access.put) <= _who(source)
+
+
+def _may(verb: str) -> dict[str, set[str]]:
+    """Return the keys with which each client may do something."""
+    return {name: {key for key, access in ACCESS.items() if name in getattr(access, verb)} for name in CLIENTS}
+
+
+def test_what_would_be_dangerous_is_for_one_alone() -> None:
+    put, ask, answer, delete = _may("put"), _may("ask"), _may("answer"), _may("delete")
+    assert [name for name in CLIENTS if "action" in put[name]] == ["agent"]
+    assert [name for name in CLIENTS if ask[name] & {"move", "home"}] == ["task"]
+    assert {name for name in CLIENTS if answer[name] & {"move", "home"}} == {"sim", "robot_link"}
+    assert {name for name in CLIENTS if "ft" in put[name]} == {"sim", "sensor_jr3"}
+    skills = {"checkpoint/skill/<sha256>", "checkpoint/skill/latest"}
+    assert {name for name in CLIENTS if put[name] & skills} == {"task", "operator"}
+    assert {key for name in CLIENTS for key in delete[name]} == skills == delete["operator"]
+
+
+def test_people_and_the_viewer_read_and_a_learner_never_sees_the_truth() -> None:
+    put, answer = _may("put"), _may("answer")
+    assert put["guest"] == answer["guest"] == answer["operator"] == set()
+    assert put["viewer"] == {"heartbeat/<service>"}
+    assert answer["viewer"] == {"alive/<service>"}
+    published = {key for key, how, *_ in CONTRACT if how == "pub"}
+    assert _may("hear")["guest"] == _may("hear")["viewer"] == published | set(STORED)
+    for name in ("task", "classifier", "agent"):
+        assert "sim/truth" not in _may("hear")[name]
+
+
+def test_the_router_gets_rules_that_zenoh_understands_and_denies_the_rest() -> None:
+    control: Any = access_control()
+    assert control["default_permission"] == "deny"
+    assert {subject["id"] for subject in control["subjects"]} == set(CLIENTS)
+    used = [rule for policy in control["policies"] for rule in policy["rules"]]
+    assert sorted(used) == sorted(rule["id"] for rule in control["rules"])
+    for rule in control["rules"]:
+        assert rule["permission"] == "allow"
+        for key in rule["key_exprs"]:
+            assert key.startswith("treenail/")
+            assert str(zenoh.KeyExpr(key)) == key
+
+
+def test_the_page_has_the_table() -> None:
+    assert table() in PAGE.read_text(encoding="utf-8"), "put what `python -m services.bus.access` prints there"

@@ -1,0 +1,203 @@
+"""``treenail checkpoint``: list, show, export and import what was learnt."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+
+from rich.table import Table
+
+from experiments.lab.learnt import learnt
+from experiments.lab.skills import digests
+from services.cell import client, skill_transfer, stored
+from services.cell.client import Client
+from services.cell.terminal import console
+from services.rules import skill as skill_file
+from services.rules.skill import NamedSkill
+from services.rules.swaps import in_force, kind_of, words
+from services.wire.errors import CellError
+
+Row = dict[str, str | int | bool | None]
+
+TAKEN_WITHIN_S = 60.0
+"""How long the task gets by default to finish its episode and begin another run."""
+_NUMBERS = ("episodes", "decisions", "states", "version", "bytes")
+_HEADINGS = ("run", "service", "episodes", "decisions", "bytes", "newest")
+_SKILL_HEADINGS = ("skill", "run", "episodes", "states", "version", "bytes", "chosen")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    commands = parser.add_subparsers(metavar="list|show|export|import", required=True)
+    add = commands.add_parser("list", help="what the store of a cell has")
+    add.add_argument("--json", action="store_true", help="as JSON")
+    add.set_defaults(command=_list)
+    client.add_arguments(add)
+    add = commands.add_parser("show", help="what was learnt: in a run, in a file, or a skill in the store")
+    add.add_argument("what", nargs="?", metavar="RUN|FILE|SHA256", help="default: the run that the cell works on")
+    add.add_argument("--json", action="store_true", help="as JSON")
+    add.set_defaults(command=_show)
+    client.add_arguments(add)
+    add = commands.add_parser("export", help="write what was learnt into one file, for another cell to begin with")
+    add.add_argument("file", type=Path, metavar="FILE")
+    add.add_argument("--run", help="default: the run that the cell works on, else the last one")
+    add.add_argument("--episode", type=int, metavar="E", help="as learnt before episode E (default: in all so far)")
+    add.add_argument("--force", action="store_true", help="replace the file if there is one")
+    add.set_defaults(command=_export)
+    client.add_arguments(add)
+    add = commands.add_parser("import", help="let a cell begin a run with a skill; a running one does so at once")
+    which = add.add_mutually_exclusive_group(required=True)
+    which.add_argument("file", type=Path, nargs="?", metavar="FILE")
+    which.add_argument("--none", action="store_true", help="begin with nothing learnt")
+    add.add_argument(
+        "--timeout",
+        type=float,
+        default=TAKEN_WITHIN_S,
+        metavar="S",
+        help=f"seconds to wait for a running task to end its episode (default: {TAKEN_WITHIN_S:g})",
+    )
+    add.set_defaults(command=_import)
+    client.add_arguments(add)
+
+
+def act(arguments: argparse.Namespace) -> None:
+    """Do one of the four."""
+    arguments.command(arguments)
+
+
+def _export(arguments: argparse.Namespace) -> None:
+    if not arguments.force and arguments.file.exists():
+        raise skill_file.SkillError(f"{arguments.file}: expected no such file yet; --force replaces it")
+    with client.client_of(arguments) as cell:
+        run = stored.run_named(cell, arguments.run)
+        until = run.episodes if arguments.episode is None else arguments.episode
+        found = learnt(cell, run, until)
+    skill_file.write(arguments.file, found, force=arguments.force)
+    print(
+        f"{arguments.file}: skill {found.sha256[:12]} of run {run.record.run} after episode {until}: "
+        f"{found.states} contact states, {found.version} updates"
+    )
+
+
+def _import(arguments: argparse.Namespace) -> None:
+    skill = None if arguments.none else skill_file.read(arguments.file)
+    with client.client_of(arguments) as cell:
+        before = skill_transfer.running(cell)
+        if skill is None:
+            skill_transfer.forget(cell)
+        else:
+            if before is not None:
+                skill_file.fits(skill.skill, before.definition)
+            skill_transfer.give(cell, skill)
+        if before is None:
+            what = "nothing learnt" if skill is None else f"skill {skill.sha256[:12]}"
+            print(f"no task is running in cell {cell.keys.cell}: the next one will begin with {what}")
+            return
+        now = skill_transfer.taken(cell, None if skill is None else skill.sha256, arguments.timeout)
+    print(skill_transfer.beginning(now))
+
+
+def _list(arguments: argparse.Namespace) -> None:
+    with client.client_of(arguments) as cell:
+        runs = [row for run in stored.runs(cell) for row in _rows(cell, run)]
+        skills = stored.skills(cell)
+    skill_rows: list[Row] = [
+        {**_named(skill), "bytes": size, "chosen": name == skills.chosen}
+        for name, (skill, size) in skills.found.items()
+    ]
+    if arguments.json:
+        print(json.dumps({"runs": runs, "skills": skill_rows}))
+        return
+    shown = console()
+    shown.print(_table(f"Cell {cell.keys.cell}: what was learnt", _HEADINGS, runs))
+    if skill_rows:
+        shown.print(_table("Skills to begin with", _SKILL_HEADINGS, skill_rows))
+
+
+def _show(arguments: argparse.Namespace) -> None:
+    row = _described(_wanted(arguments))
+    if arguments.json:
+        print(json.dumps(row))
+        return
+    made = Table(show_header=False)
+    made.add_column(style="cyan", no_wrap=True)
+    made.add_column(overflow="fold")
+    for name, value in row.items():
+        made.add_row(name, "nothing learnt" if value is None else str(value))
+    console().print(made)
+
+
+def _wanted(arguments: argparse.Namespace) -> NamedSkill:
+    """Return what ``show`` is asked for: a file needs no cell."""
+    what = arguments.what
+    if what is not None and ("/" in what or Path(what).exists()):
+        return skill_file.read(Path(what))
+    with client.client_of(arguments) as cell:
+        known = [] if what is None else [run.record.run for run in stored.runs(cell)]
+        if what is None or what in known:
+            return learnt(cell, stored.run_named(cell, what))
+        skills = stored.skills(cell).found
+        if any(name.startswith(what) for name in skills):
+            return stored.skill_named(cell, what)
+    there = ", ".join([*known, *(name[:12] for name in skills)]) or "none"
+    raise CellError(f"checkpoint: expected a file, or a run or skill that the store knows ({there}), got {what}")
+
+
+def _rows(cell: Client, run: stored.StoredRun) -> list[Row]:
+    """Return a row for the journal of a run, and one for each of its checkpoints."""
+    name = run.record.run
+    journal: Row = {"service": "task", "episodes": run.episodes, "decisions": run.decisions, "bytes": run.size_bytes}
+    rows: list[Row] = [{"run": name, **journal, "newest": True}]
+    for service in stored.WORKERS:
+        for found in stored.checkpoints(cell, name, service):
+            place: Row = {"episodes": found.checkpoint.episode, "decisions": found.checkpoint.decisions}
+            rows.append({"run": name, "service": service, **place, "bytes": found.size_bytes, "newest": found.newest})
+    return rows
+
+
+def _named(skill: NamedSkill) -> Row:
+    inside = skill.skill
+    return {
+        "skill": skill.sha256,
+        "run": inside.run,
+        "episodes": inside.episodes,
+        "states": skill.states,
+        "version": skill.version,
+    }
+
+
+def _described(skill: NamedSkill) -> Row:
+    inside = skill.skill
+    made = digests(inside)
+    kinds = in_force(inside.definition, inside.swaps)
+    return {
+        **_named(skill),
+        "experiment": inside.definition.name,
+        "definition": inside.definition_sha256,
+        "classifier": kind_of(kinds.classifier),
+        "learner": kind_of(kinds.learner),
+        "swaps": "; ".join(words(swap) for swap in inside.swaps) or "none",
+        "seed": inside.seed,
+        "q_table": made["q_table"],
+        "art2": made["art2"],
+        "contract": inside.contract_sha256,
+        "actions": ",".join(inside.actions),
+        "began_with": inside.skill_sha256,
+    }
+
+
+def _table(title: str, headings: tuple[str, ...], rows: list[Row]) -> Table:
+    made = Table(title=title)
+    for heading in headings:
+        made.add_column(heading, justify="right" if heading in _NUMBERS else "left")
+    for row in rows:
+        cells = [row[heading] for heading in headings]
+        made.add_row(*("yes" if cell is True else "" if cell is False else _brief(cell) for cell in cells))
+    return made
+
+
+def _brief(value: str | int | None) -> str:
+    """Return a cell of a table: a hash shortened, as it may be given to ``show``."""
+    text = str(value)
+    return text[:12] if len(text) == 64 else text

@@ -1,0 +1,166 @@
+"""Run experiments in this machine's processes, without a bus: many seeds at once, figures and tables at the end."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from services.rules import plugins, swaps
+from services.rules import skill as skill_file
+from services.wire import definition_file
+from services.wire.errors import TreenailError
+from services.wire.randomness import MAX_SEED
+
+PROGRAM = "treenail experiment"
+EXIT_ERROR, EXIT_INTERRUPTED = 2, 130
+_OUT = "runs/experiments/<name>-<first 8 digits of the definition's hash>"
+
+_RUN_TEXT = "Writes summary.json, episodes.csv, definition.toml and four figures. A seed that fails ends all, status 2."
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Do what the command line (or ``words`` in its place) says and return the exit status."""
+    arguments = _parser().parse_args(words)
+    try:
+        status: int = arguments.command(arguments)
+        sys.stdout.flush()
+        return status
+    except TreenailError as error:
+        print(f"{PROGRAM}: {error}", file=sys.stderr)
+        return EXIT_ERROR
+    except KeyboardInterrupt:
+        print(f"{PROGRAM}: interrupted, no results written", file=sys.stderr)
+        return EXIT_INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has gone; without this the interpreter would complain on its way out.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    # Whatever could be missing is loaded before the runs, not after an hour of them.
+    from rich.console import Console
+
+    from experiments.lab import plots, progress, result_files, run
+    from services.rules import results
+
+    definition = definition_file.load(arguments.experiment, arguments.set)
+    plugins.check(definition)
+    sha256 = definition_file.definition_sha256(definition)
+    skill, from_skill = None, ""
+    if arguments.skill is not None:
+        skill = skill_file.read(arguments.skill)
+        skill_file.fits(skill.skill, definition)
+        from_skill = f"-k{skill.sha256[:8]}"
+    episodes = arguments.episodes or definition.episodes
+    planned = swaps.planned("", definition, arguments.swap, episodes)
+    from_swaps = f"-w{swaps.digest(planned)[:8]}" if planned else ""
+    folder = arguments.out or Path("runs", "experiments", f"{definition.name}-{sha256[:8]}{from_skill}{from_swaps}")
+    seeds = arguments.seed_list or list(range(arguments.seeds))
+    result_files.prepare(folder, sha256, arguments.force)
+    with progress.shown(len(seeds), episodes) as listener:
+        timed = run.run_seeds(
+            definition, seeds, episodes, arguments.jobs or run.usable_cores(), listener, skill, planned
+        )
+    runs = [one.result for one in timed]
+    summary = results.summary(definition, sha256, runs, planned)
+    figures = plots.figures(definition.name, {one.seed: one.episodes for one in runs})
+    result_files.write(folder, definition, summary, runs, figures)
+    title = f"{definition.name}, {episodes} episodes"
+    Console().print(progress.table(title, summary["runs"], [one.moves_per_s for one in timed]))
+    print(f"results in {folder}")
+    return 0
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    names = definition_file.shipped()
+    width = max(map(len, names))
+    for name in names:
+        print(f"{name:{width}}  {definition_file.load(name).title}")
+    return 0
+
+
+def _show(arguments: argparse.Namespace) -> int:
+    from experiments.lab.result_files import definition_toml
+
+    definition = definition_file.load(arguments.experiment, arguments.set)
+    print(f"# definition_sha256: {definition_file.definition_sha256(definition)}")
+    print(definition_toml(definition), end="")
+    return 0
+
+
+def _plot(arguments: argparse.Namespace) -> int:
+    from experiments.lab import plots, result_files
+
+    table = result_files.read_episodes(arguments.folder / result_files.EPISODES)
+    result_files.write_figures(arguments.folder, plots.figures(table.experiment, table.episodes))
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(prog=PROGRAM, description=__doc__)
+    commands = parser.add_subparsers(metavar="COMMAND", required=True)
+    _add_run(commands.add_parser("run", help="run an experiment over several seeds", description=_RUN_TEXT))
+    add = commands.add_parser("list", help="list the experiments that come with Treenail")
+    add.set_defaults(command=_list)
+    add = commands.add_parser("show", help="print a definition with all its defaults, as TOML, and its hash")
+    _add_definition(add)
+    add.set_defaults(command=_show)
+    add = commands.add_parser("plot", help="draw the figures of a folder of results again from its episodes.csv")
+    add.add_argument("folder", type=Path, metavar="DIR")
+    add.set_defaults(command=_plot)
+    return parser
+
+
+def _add_run(run: argparse.ArgumentParser) -> None:
+    _add_definition(run)
+    run.add_argument("--episodes", type=_positive, metavar="N", help="length of each run (default: the definition's)")
+    which = run.add_mutually_exclusive_group()
+    which.add_argument("--seeds", type=_positive, default=1, metavar="K", help="run seeds 0 to K-1 (default: 1)")
+    which.add_argument("--seed-list", type=_seed_list, metavar="A,B,...", help="run these seeds")
+    run.add_argument("--skill", type=Path, metavar="FILE", help="begin with a skill from `treenail checkpoint export`")
+    run.add_argument("--swap", action="append", default=[], metavar=swaps.SPEC, help=swaps.SPEC_HELP)
+    run.add_argument("--out", type=Path, metavar="DIR", help=f"where results go (default: {_OUT})")
+    run.add_argument("--jobs", type=_positive, metavar="J", help="seeds run at a time (default: one per core)")
+    run.add_argument("--force", action="store_true", help="replace results of another definition")
+    run.set_defaults(command=_run)
+
+
+def _add_definition(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("experiment", metavar="NAME_OR_FILE", help="a name that `list` shows, or a TOML file")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change a setting, such as start.x_mm=2.0; may be repeated",
+    )
+
+
+def _positive(text: str) -> int:
+    try:
+        number = int(text)
+    except ValueError:
+        number = 0
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"expected a whole number from 1, got {text!r}")
+    return number
+
+
+def _seed_list(text: str) -> list[int]:
+    try:
+        seeds = [int(part) for part in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected whole numbers with commas, such as 3,5,8, got {text!r}") from None
+    if len(set(seeds)) != len(seeds):
+        raise argparse.ArgumentTypeError(f"expected every seed once, got {text!r}")
+    if not all(0 <= seed <= MAX_SEED for seed in seeds):
+        raise argparse.ArgumentTypeError(f"expected seeds from 0 to {MAX_SEED}, got {text!r}")
+    return seeds
+
+
+if __name__ == "__main__":
+    sys.exit(main())

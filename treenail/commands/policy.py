@@ -1,0 +1,68 @@
+"""``treenail policy``: print what the agent would do in a contact state, or when it feels a force."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import re
+
+from rich.table import Table
+
+from services.bus.answers import ft_vector, state_number
+from services.cell import client
+from services.cell.terminal import console
+from services.wire.keys import POLICY
+from services.wire.messages import PolicyAnswer
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the command's options."""
+    asked = parser.add_mutually_exclusive_group(required=True)
+    asked.add_argument("--state", metavar="N", help="number of a contact state")
+    asked.add_argument(
+        "--ft",
+        metavar="FX,FY,FZ,TX,TY,TZ",
+        help="what the wrist feels [N, N m], such as -0.3,0.34,-0.74,-0.037,-0.033,0",
+    )
+    parser.add_argument("--json", action="store_true", help="as JSON")
+    client.add_arguments(parser)
+    # Else a vector that begins with a minus would count as an option: argparse knows single negative numbers only.
+    parser._negative_number_matcher = re.compile(r"^-[\d.]")
+
+
+def act(arguments: argparse.Namespace) -> None:
+    """Print a row an action."""
+    if arguments.state is not None:
+        selector = f"{POLICY}?state={state_number(arguments.state)}"
+    else:
+        force_n, torque_nm = ft_vector(arguments.ft)
+        selector = f"{POLICY}?ft={','.join(repr(component) for component in (*force_n, *torque_nm))}"
+    with client.client_of(arguments) as cell:
+        if arguments.json:
+            print(json.dumps(cell.ask_one_json(selector)))
+            return
+        answer = cell.ask(selector, PolicyAnswer)
+    shown = console()
+    shown.print(title(answer), markup=False, highlight=False)
+    shown.print(table(answer))
+
+
+def table(answer: PolicyAnswer) -> Table:
+    """Return a policy's answer for people; the best action is marked."""
+    made = Table()
+    for heading in ("", "action", "value", "probability", "visits"):
+        made.add_column(heading, justify="left" if heading == "action" else "right", no_wrap=True)
+    rows = zip(answer.actions, answer.values, answer.probabilities, answer.visits, strict=True)
+    for index, (action, value, probability, visits) in enumerate(rows):
+        best = index == answer.best_action and answer.known
+        cells = (action, f"{value:.3f}", f"{probability:.4f}", str(visits))
+        made.add_row("best" if best else "", *cells, style="bold" if best else None)
+    return made
+
+
+def title(answer: PolicyAnswer) -> str:
+    """Return in words which state the answer is for, and how well the agent knows it."""
+    state = "no contact state known so far" if answer.state is None else f"contact state {answer.state}"
+    match = "" if answer.match is None else f", match {answer.match:.4f}"
+    known = "" if answer.known else ", never decided in"
+    return f"{state}{match}{known}\nrun {answer.run}, policy version {answer.policy_version}"

@@ -1,0 +1,120 @@
+"""The controller's side of a floppy drive as a process: ``python -m treenail.tools.pfloppy.try_it URL COMMAND``.
+
+    BOOT              start up from the disk and print the system file's banner
+    DIR               list the files
+    LOAD NAME [FILE]  read a file from the disk, to FILE or to the screen
+    STORE NAME FILE   write a file to the disk
+    DELETE NAME       take a file off the disk
+    COPY OLD NEW      copy a file on the disk
+    RENAME OLD NEW    give a file another name
+
+The commands' names are those of the thesis and of early drafts of VAL; how VAL II spells them is not known.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TypeVar
+
+from services.bus.command import EXIT_ERROR, Parser
+from services.robot_link import serial_line
+from services.robot_link.serial_line import Line
+from services.wire.errors import TreenailError
+from treenail.tools.pfloppy.client import Directory, FloppyClient, FloppyError, Talk
+
+T = TypeVar("T")
+
+WORDS = {
+    "BOOT": (0, 0),
+    "DIR": (0, 0),
+    "LOAD": (1, 2),
+    "STORE": (2, 2),
+    "DELETE": (1, 1),
+    "COPY": (2, 2),
+    "RENAME": (2, 2),
+}
+"""Fewest and most words of each command."""
+
+
+def talk(operation: Talk[T], line: Line, patience_s: float) -> T:
+    """Carry one operation out over a line. Raises FloppyError, LineError."""
+    try:
+        sent = next(operation)
+        while True:
+            if sent:
+                line.write(sent)
+            came = line.read(patience_s)
+            if not came:
+                raise FloppyError(f"drive: expected an answer within {patience_s:g} s, got none")
+            sent = operation.send(came)
+    except StopIteration as end:
+        result: T = end.value
+        return result
+
+
+def main() -> int:
+    """Do one command; return the exit status."""
+    parser = Parser(
+        prog="floppy", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
+    )
+    serial_line.add_arguments(parser)
+    parser.add_argument("command", metavar="COMMAND", type=str.upper, choices=tuple(WORDS), help="see above")
+    parser.add_argument("words", metavar="WORD", nargs="*", help="names and files")
+    parser.add_argument("--unit", type=int, default=0, choices=range(256), metavar="N", help="unit (default: 0)")
+    parser.add_argument("--mrsp", action="store_true", help="ask for every byte by itself")
+    parser.add_argument("--patience", type=float, default=10.0, metavar="S", help="wait so long (default: 10)")
+    arguments = parser.parse_args()
+    fewest, most = WORDS[arguments.command]
+    if not fewest <= len(arguments.words) <= most:
+        parser.error(f"{arguments.command}: expected {fewest} to {most} words, got {len(arguments.words)}")
+    line = serial_line.line_of(arguments)
+    try:
+        line.open()
+        client = FloppyClient(arguments.unit, arguments.mrsp)
+        printed = talk(_act(arguments.command, arguments.words, client), line, arguments.patience)
+        if len(arguments.words) > 1 and arguments.command == "LOAD":
+            Path(arguments.words[1]).write_bytes(printed)
+        else:
+            sys.stdout.buffer.write(printed)
+    except (TreenailError, OSError) as error:
+        print(f"floppy: {error}", file=sys.stderr)
+        return EXIT_ERROR
+    finally:
+        line.close()
+    return 0
+
+
+def _act(command: str, words: list[str], client: FloppyClient) -> Talk[bytes]:
+    """Do one command; the value is what to print."""
+    names = [word.upper() for word in words]
+    if command == "BOOT":
+        banner = yield from client.boot()
+        return f"{banner}\n".encode()
+    yield from client.wake()
+    if command == "DIR":
+        directory = yield from client.directory()
+        return _table(directory).encode()
+    if command == "LOAD":
+        content = yield from client.load(names[0])
+        return content
+    if command == "STORE":
+        yield from client.store(names[0], Path(words[1]).read_bytes())
+    elif command == "DELETE":
+        yield from client.delete(names[0])
+    elif command == "COPY":
+        yield from client.copy(*names)
+    else:
+        yield from client.rename(*names)
+    return b""
+
+
+def _table(directory: Directory) -> str:
+    lines = [f"{file.name:<10} {file.length:>6} bytes" for file in directory.files]
+    free = len(directory.data) - sum(file.blocks for file in directory.files)
+    return "\n".join([*lines, f"{len(directory.files)} files, {free} blocks free"]) + "\n"
+
+
+if __name__ == "__main__":
+    sys.exit(main())
