@@ -9,19 +9,17 @@ import signal
 import subprocess
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple
 
 from experiments.chaos.clocks import Clocks
 from experiments.chaos.line import Faults
-from services.bus.command import Parser
 from services.bus.ports import free_port
-from services.bus.service import Options
-from services.cell import plan as plans
 from services.cell.client import Client
-from services.cell.start import start_services
+from services.cell.local import LocalCell
+from services.cell.plan import make_plan, viewer_at
 from services.cell.supervisor import Supervisor
 from services.wire.errors import CellError
 
@@ -41,58 +39,45 @@ class Order(NamedTuple):
     viewer: bool
 
 
-@dataclass
-class Sides(Supervisor):
-    """A supervisor that starts one of the services at another router."""
-
-    far: str | None = None
-    endpoint: str = ""
-    far_endpoint: str = ""
-
-    def start(self, name: str, *arguments: str) -> None:
-        """Start a service where it belongs."""
-        if name == self.far:
-            arguments = tuple(self.far_endpoint if word == self.endpoint else word for word in arguments)
-        super().start(name, *arguments)
-
-
 class ChaosCell:
     """A running cell. Use as a context manager; ``check`` has to be called all the time, as ``treenail up`` does."""
 
     def __init__(self, order: Order, far: str | None, clocks: Clocks | None) -> None:
         """``far`` is the service that stands behind the tap; None for no tap. Raises TreenailError."""
-        parser = Parser()
-        plans.add_arguments(parser)
-        words = ["sim", "--experiment", order.experiment, "--seed", str(order.seed), "--episodes", str(order.episodes)]
-        words += ["--out", str(order.out), "--port", "0"]
-        words += ["--viewer-port", "0", "--viewer-bind", "127.0.0.1", "--no-web"] if order.viewer else ["--no-viewer"]
-        words += [word for item in order.overrides for word in ("--set", item)]
-        words += [word for item in order.swaps for word in ("--swap", item)]
-        self.plan = plans.plan_of(parser.parse_args(words))
+        self.plan = make_plan(
+            order.experiment,
+            overrides=order.overrides,
+            seed=order.seed,
+            episodes=order.episodes,
+            swaps=order.swaps,
+            out=order.out,
+            viewer=viewer_at("127.0.0.1", 0, None) if order.viewer else None,
+        )
         self.far = far
         self.clocks = clocks
         self.surprises: list[str] = []
         """How processes ended that nobody had killed."""
         self.tapped: dict[str, int] = {}
         """What the tap has done, once it has stopped."""
-        logs = order.out / "logs"
-        logs.mkdir(parents=True, exist_ok=True)
         environment: Mapping[str, str] = {} if clocks is None else clocks.environment
-        far_endpoint = f"tcp/127.0.0.1:{free_port()}"
-        self._near = Sides(
-            logs, self._note, environment, far=far, endpoint=self.plan.endpoint, far_endpoint=far_endpoint
+        self._environment = environment
+        self._far_endpoint = f"tcp/127.0.0.1:{free_port()}"
+        endpoints = {} if far is None else {far: self._far_endpoint}
+        self._near = LocalCell(
+            self.plan, self._note, environment=environment, endpoints=endpoints, also_mind=self._mind_far
         )
-        (logs / "far").mkdir(exist_ok=True)
-        self._far = Supervisor(logs / "far", self._note, environment)
+        self._far = Supervisor(self.plan.logs / "far", self._note, environment)
         self._tap: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> ChaosCell:
         if self.clocks is not None:
             self.clocks.set_right()
+        self._near.__enter__()
+        self._far.log_folder.mkdir(exist_ok=True)
         try:
             if self.far is not None:
                 self._start_tap(self.far)
-            start_services(self.plan, self._near, self.check)
+            self._near.start()
         except BaseException:
             self._stop()
             raise
@@ -105,19 +90,16 @@ class ChaosCell:
 
     def client(self) -> Client:
         """Return a client of the cell."""
-        return Client(Options(self.plan.arguments.cell, (self.plan.endpoint,)))
+        return self._near.client()
 
     def check(self) -> None:
         """Start again what has died. Raises TreenailError for a service that cannot start, and for a tap that ended."""
-        self._near.check()
-        self._far.check()
-        if self._tap is not None and self._tap.poll() is not None:
-            raise CellError(f"tap: expected it to go on, it ended with status {self._tap.returncode}; see {self._log}")
+        self._near.mind()
 
     def started(self, name: str) -> float | None:
         """Return when a service's process was started (as ``time.monotonic``), or None while it has none."""
-        child = self._near.children[name]
-        return child.started if name in self._near.alive() else None
+        child = self._near.supervisor.children[name]
+        return child.started if name in self._near.supervisor.alive() else None
 
     def runs(self, name: str) -> bool:
         """Return whether a service has a process."""
@@ -125,13 +107,13 @@ class ChaosCell:
 
     def send(self, name: str, number: signal.Signals) -> None:
         """Send a signal to a service, or to the tap by that name; to a process that has just ended it does nothing."""
-        process = self._tap if name == "tap" else self._near.children[name].process
+        process = self._tap if name == "tap" else self._near.supervisor.children[name].process
         if process is not None:
             process.send_signal(number)
 
     def kill(self, name: str) -> None:
         """Kill a service at once, and see it dead."""
-        process = self._near.children[name].process
+        process = self._near.supervisor.children[name].process
         if process is not None:
             process.kill()
 
@@ -143,7 +125,7 @@ class ChaosCell:
 
     def fill_disk(self, full: bool) -> None:
         """Keep the store's process from writing a single byte to any file, or let it again."""
-        process = self._near.children["store"].process
+        process = self._near.supervisor.children["store"].process
         if process is None or process.poll() is not None:
             return
         _, hard = resource.prlimit(process.pid, resource.RLIMIT_FSIZE)
@@ -155,15 +137,20 @@ class ChaosCell:
     def _log(self) -> Path:
         return self._far.log_folder / "tap.log"
 
+    def _mind_far(self) -> None:
+        self._far.check()
+        if self._tap is not None and self._tap.poll() is not None:
+            raise CellError(f"tap: expected it to go on, it ended with status {self._tap.returncode}; see {self._log}")
+
     def _note(self, text: str) -> None:
         if "was killed by SIGKILL" not in text:
             self.surprises.append(text.partition(";")[0])
 
     def _start_tap(self, service: str) -> None:
-        self._far.start("router", "--listen", self._near.far_endpoint)
-        sides = ("--near", self.plan.endpoint, "--far", self._near.far_endpoint)
-        which = ("--service", service, "--cell", self.plan.arguments.cell, "--seed", str(self.plan.arguments.seed))
-        environment = {**os.environ, **self._near.environment, "PYTHONUNBUFFERED": "1"}
+        self._far.start("router", "--listen", self._far_endpoint)
+        sides = ("--near", self.plan.endpoint, "--far", self._far_endpoint)
+        which = ("--service", service, "--cell", self.plan.cell, "--seed", str(self.plan.seed))
+        environment = {**os.environ, **self._environment, "PYTHONUNBUFFERED": "1"}
         with self._log.open("wb") as log:
             self._tap = subprocess.Popen(
                 [sys.executable, "-P", "-m", "experiments.chaos.tap", *sides, *which],

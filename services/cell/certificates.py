@@ -47,18 +47,17 @@ def certify(out: Path, hosts: Sequence[str], days: int, names: Sequence[str] = N
         _check_ours(ours, out / name)
     return (
         Done("ca", "made" if made else "kept", ours.cert.not_valid_after_utc),
-        [_certified(ours, out / name, name, list(wanted) if name == ROUTER else [], days) for name in names],
+        [_keep_or_make(ours, out / name, name, list(wanted) if name == ROUTER else [], days) for name in names],
     )
 
 
 def _own_hosts() -> list[str]:
     """Return how this machine itself, and a container network, reach the router."""
-    found = ["localhost", "127.0.0.1", "::1", ROUTER]
+    hosts = ["localhost", "127.0.0.1", "::1", ROUTER]
     try:
-        found.append(check_host(socket.gethostname()))
+        return [*hosts, check_host(socket.gethostname())]
     except AuthorityError:
-        return found  # a name that nobody could connect to
-    return found
+        return hosts  # the machine has a name that nobody could connect to
 
 
 def _check_ours(ours: Authority, folder: Path) -> None:
@@ -68,19 +67,19 @@ def _check_ours(ours: Authority, folder: Path) -> None:
         raise AuthorityError(f"{path}: expected one of the authority in {folder.parent / 'ca'}, got another's")
 
 
-def _certified(ours: Authority, folder: Path, name: str, hosts: Sequence[str], days: int) -> Done:
+def _keep_or_make(ours: Authority, folder: Path, name: str, hosts: Sequence[str], days: int) -> Done:
     """Keep the certificate in a folder when it is good, otherwise make one."""
     old = intact(folder, name)
-    known = hosts_of(old) if old is not None else []
-    missing = [host for host in hosts if host not in known]
-    every = list(dict.fromkeys((*hosts, *known))) if name == ROUTER else []
+    old_hosts = hosts_of(old) if old is not None else []
+    missing = [host for host in hosts if host not in old_hosts]
+    every = list(dict.fromkeys((*hosts, *old_hosts))) if name == ROUTER else []
     if old is not None:
         left, whole = old.not_valid_after_utc - now(), old.not_valid_after_utc - old.not_valid_before_utc
         why = f"new hosts: {' '.join(missing)}" if missing else ""
         if left < min(dt.timedelta(days=RENEW_BEFORE_DAYS), whole / 3):
             why = f"expire{'d' if left <= dt.timedelta() else 's'} {old.not_valid_after_utc:%Y-%m-%d %H:%M}"
         if not why:
-            return Done(name, _completed(ours, folder), old.not_valid_after_utc, known)
+            return Done(name, _put_back_authority(ours, folder), old.not_valid_after_utc, old_hosts)
         what = f"renewed ({why})"
     else:
         what = "made again (it was damaged)" if (folder / "cert.pem").exists() else "made"
@@ -88,7 +87,7 @@ def _certified(ours: Authority, folder: Path, name: str, hosts: Sequence[str], d
     return Done(name, what, cert.not_valid_after_utc, every)
 
 
-def _completed(ours: Authority, folder: Path) -> str:
+def _put_back_authority(ours: Authority, folder: Path) -> str:
     """Put back the copy of the authority's certificate when it is not as it should be; return what was done."""
     copy = folder / "ca.pem"
     if copy.exists() and read(copy) == ours.pem:

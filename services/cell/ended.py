@@ -15,7 +15,6 @@ from services.wire.messages import ClassifierStates, EpisodeSummary, JournalEpis
 
 T = TypeVar("T")
 
-
 SETTLE_S = 60.0
 """How long the workers get to reach the last decision; a restarted one replays its journal first."""
 
@@ -38,15 +37,15 @@ def result_of(client: Client, ended: EndedRun, mind: Callable[[], None]) -> RunR
 
     Raises CellError when the store's journal or the workers' memory does not become complete.
     """
-    episodes = _settled(lambda: _episodes(client, ended.run, ended.episodes), mind)
+    episodes = _once_settled(lambda: _episodes(client, ended.run, ended.episodes), mind)
     decisions = sum(summary.decisions for summary in episodes)
-    q_digest, art2_digest = _settled(lambda: _digests(client, ended, decisions), mind)
+    q_digest, art2_digest = _once_settled(lambda: _digests(client, ended, decisions), mind)
     return RunResult(
         ended.seed, episodes, {"q_table": q_digest, "art2": art2_digest, "episodes": episodes_digest(episodes)}
     )
 
 
-def _settled(attempt: Callable[[], T], mind: Callable[[], None]) -> T:
+def _once_settled(attempt: Callable[[], T], mind: Callable[[], None]) -> T:
     """Return what ``attempt`` gives once it succeeds: any process may be just starting again."""
     deadline = time.monotonic() + SETTLE_S
     while True:
@@ -62,10 +61,10 @@ def _settled(attempt: Callable[[], T], mind: Callable[[], None]) -> T:
 def _episodes(client: Client, run: str, count: int) -> tuple[EpisodeSummary, ...]:
     """Return the summaries of all episodes, checked to be complete."""
     entries = client.ask_all(f"journal/{run}/*/*", JournalEpisode, timeout_s=30.0)
-    found = tuple(entry.summary for entry in entries if entry.summary is not None)
-    if [summary.episode for summary in found] != list(range(count)):
-        raise CellError(f"journal: expected episodes 0 to {count - 1} without a gap, got {len(found)} episodes")
-    return found
+    summaries = tuple(entry.summary for entry in entries if entry.summary is not None)
+    if [summary.episode for summary in summaries] != list(range(count)):
+        raise CellError(f"journal: expected episodes 0 to {count - 1} without a gap, got {len(summaries)} episodes")
+    return summaries
 
 
 def _digests(client: Client, ended: EndedRun, decisions: int) -> tuple[str, str]:

@@ -8,11 +8,10 @@ receiver card does, so that the run ends in the same bytes as ``treenail up sim`
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from services.bus.ports import free_port
-from services.cell.supervisor import Supervisor
 from services.wire.definition import Definition, Sensor
 from services.wire.errors import CellError
 
@@ -24,24 +23,24 @@ THESIS_BAUD, THESIS_MOTION_S = 9600, 0.33
 SENSOR_S = 5.0
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options that are for ``up hil`` alone."""
-    parser.add_argument(
-        "--link", choices=LINKS, help="hil: how the controller is spoken to (default: terminal); supervisory is DDCMP"
-    )
-    parser.add_argument(
-        "--thesis-speed",
-        action="store_true",
-        help="hil: a line of 9600 baud, motions of 0.33 s: about one decision a second, as in the thesis",
-    )
+@dataclass(frozen=True)
+class Hil:
+    """How the emulated hardware is spoken to, and where on this machine."""
+
+    link: str
+    """One of LINKS."""
+    thesis_speed: bool
+    """A line of 9600 baud and motions of 0.33 s."""
+    arm: str
+    """Address of the emulated controller, as host:port."""
+    card: str
+    """Address of the emulated receiver card, as host:port."""
 
 
-def check(arguments: argparse.Namespace) -> None:
-    """Raise CellError for options that do not go together."""
-    if arguments.profile != "hil" and (arguments.link is not None or arguments.thesis_speed):
-        raise CellError("--link, --thesis-speed: expected with `treenail up hil` only: the simulator has no line")
-    if arguments.profile == "hil" and arguments.certs is not None:
-        raise CellError("--certs: expected none with `treenail up hil`: the emulated hardware has no certificates")
+def emulated(link: str = "terminal", *, thesis_speed: bool = False) -> Hil:
+    """Return emulated hardware on free ports of this machine."""
+    arm, card = (f"127.0.0.1:{free_port()}" for _ in range(2))
+    return Hil(link, thesis_speed, arm, card)
 
 
 def overrides(definition: Definition) -> Sequence[str]:
@@ -55,20 +54,22 @@ def overrides(definition: Definition) -> Sequence[str]:
     return () if definition.sensor.full_scale_n else FULL_SCALES
 
 
-def start(supervisor: Supervisor, arguments: argparse.Namespace, endpoint: str, sensor: Sensor) -> None:
-    """Start the simulator, both emulators and both drivers."""
-    cell = ("--cell", arguments.cell, "--connect", endpoint)
-    world = f"{arguments.cell}-world"
-    mode = ("--mode", arguments.link or "terminal")
-    baud = ("--baud", str(THESIS_BAUD)) if arguments.thesis_speed else ()
-    slow = (*baud, "--motion-s", str(THESIS_MOTION_S)) if arguments.thesis_speed else ()
+def commands(hardware: Hil, cell: str, endpoint: str, sensor: Sensor) -> dict[str, tuple[str, ...]]:
+    """Return the options of the simulator, both emulators and both drivers, in the order of starting."""
+    here = ("--cell", cell, "--connect", endpoint)
+    world = f"{cell}-world"
+    mode = ("--mode", hardware.link)
+    baud = ("--baud", str(THESIS_BAUD)) if hardware.thesis_speed else ()
+    slow = (*baud, "--motion-s", str(THESIS_MOTION_S)) if hardware.thesis_speed else ()
     scales = ",".join(str(scale) for scale in 3 * [sensor.full_scale_n] + 3 * [sensor.full_scale_dnm])
-    arm, card = (f"127.0.0.1:{free_port()}" for _ in range(2))
-    supervisor.start("sim", "--cell", world, "--connect", endpoint)
     follow = ("--world", world, "--sensor-s", str(SENSOR_S), "--prompt", "arrived")
-    supervisor.start("robot_link.emulator", *cell, "--listen", arm, *follow, *mode, *slow)
     plugged = ("--calibration-s", "0", "--no-auto-zero", "--full-scales", scales)
-    supervisor.start("sensor_jr3.emulator", *cell, "--listen", card, "--follow", world, *plugged)
-    supervisor.start("sensor_jr3", *cell, "--url", f"tcp://{card}", "--full-scales", "keep", "--settle-s", "0")
+    keep = ("--full-scales", "keep", "--settle-s", "0")
     ideal = ("--prompt", "arrived", "--settle-s", "0", "--speed", "100", "--tell-episode")
-    supervisor.start("robot_link", *cell, "--url", f"socket://{arm}", *ideal, *mode, *baud)
+    return {
+        "sim": ("--cell", world, "--connect", endpoint),
+        "robot_link.emulator": (*here, "--listen", hardware.arm, *follow, *mode, *slow),
+        "sensor_jr3.emulator": (*here, "--listen", hardware.card, "--follow", world, *plugged),
+        "sensor_jr3": (*here, "--url", f"tcp://{hardware.card}", *keep),
+        "robot_link": (*here, "--url", f"socket://{hardware.arm}", *ideal, *mode, *baud),
+    }

@@ -1,9 +1,9 @@
-"""What ``treenail up`` is asked to bring up, checked before anything starts."""
+"""What cell to bring up on this machine, checked before anything starts."""
 
 from __future__ import annotations
 
-import argparse
 import socket
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,28 +11,33 @@ from services.bus import ports
 from services.bus.access import OPERATOR, ROUTER
 from services.bus.tls import identity
 from services.cell import hil
+from services.cell.hil import Hil
 from services.rules import plugins
 from services.rules import skill as skill_file
 from services.rules.skill import NamedSkill
-from services.rules.swaps import SPEC, SPEC_HELP, digest, planned
+from services.rules.swaps import digest
+from services.rules.swaps import planned as planned_swaps
 from services.wire.definition import Definition
-from services.wire.definition_file import check_run, definition_sha256, load, run_id
+from services.wire.definition_file import check_run, definition_sha256, find, load, run_id
 from services.wire.errors import CellError
 from services.wire.keys import Keys
 
-PROFILES = ("sim", "hil")
-DEFAULT_WEB_PORT = 9090
+LOOP = ("store", "task", "sim", "classifier", "agent")
+"""The services of a cell in which a run can be made, beside the router."""
 
 
 @dataclass(frozen=True)
 class Viewer:
-    """Where the viewer service listens."""
+    """Where the viewer service listens, and what it records."""
 
     bind: str
     port: int
     web_port: int | None
+    """Of the page for browsers; None for no page."""
     host: str
     """Name or address for people."""
+    save: Path | None = None
+    """File of the recording; None for none."""
 
     @property
     def url(self) -> str:
@@ -48,103 +53,125 @@ class Viewer:
     def options(self) -> tuple[str, ...]:
         """Return the options of the viewer service."""
         page = ("--no-web",) if self.web_port is None else ("--web-port", str(self.web_port))
-        return ("--bind", self.bind, "--port", str(self.port), *page)
+        save = () if self.save is None else ("--save", str(self.save))
+        return ("--bind", self.bind, "--port", str(self.port), *page, *save)
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What to bring up, checked before anything starts."""
+    """A cell, where it works and what run it makes."""
 
-    arguments: argparse.Namespace
+    experiment: Path
+    """File of the definition."""
     overrides: tuple[str, ...]
-    """Of the definition's file."""
+    """Of the definition's file, as ``KEY=VALUE``."""
     definition: Definition
-    skill: NamedSkill | None
-    run: str
+    seed: int
     episodes: int
+    swaps: tuple[str, ...]
+    """As ``EPISODE:SERVICE:KEY=VALUE,...``."""
+    skill: NamedSkill | None
+    """What the run begins with; None for nothing learnt."""
+    cell: str
     out: Path
-    endpoint: str
+    """Run directory: logs, the store's file, results."""
+    port: int
+    """The router's, on 127.0.0.1."""
+    certs: Path | None
+    """Folder of ``treenail certs``; None for a cell without certificates."""
+    hil: Hil | None
+    """Emulated hardware; None for the simulator in its place."""
     viewer: Viewer | None
+    fresh: bool
+    """Whether what the run directory knows of earlier runs is forgotten."""
+
+    @property
+    def run(self) -> str:
+        """Return the name of the run."""
+        return run_id(self.definition, self.seed, None if self.skill is None else self.skill.sha256)
+
+    @property
+    def endpoint(self) -> str:
+        """Return where the router listens."""
+        return f"{'tcp' if self.certs is None else 'tls'}/127.0.0.1:{self.port}"
+
+    @property
+    def logs(self) -> Path:
+        """Return the folder of the services' logs."""
+        return self.out / "logs"
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of ``treenail up``."""
-    parser.add_argument(
-        "profile", choices=PROFILES, help="sim: the simulator in place of robot and sensor; hil: emulated hardware"
-    )
-    parser.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file of the definition")
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
-    parser.add_argument("--episodes", type=int, help="length of the run (default: the definition's)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the run, from 0 (default: 0)")
-    parser.add_argument("--skill", type=Path, metavar="FILE", help="begin with what `treenail checkpoint export` wrote")
-    parser.add_argument("--swap", action="append", default=[], metavar=SPEC, help=SPEC_HELP)
-    parser.add_argument(
-        "--out", type=Path, help="run directory (default: runs/<experiment>-<hash>-s<seed>[-k<skill>][-w<swaps>])"
-    )
-    parser.add_argument("--fresh", action="store_true", help="forget what the run directory knows of earlier runs")
-    parser.add_argument("--cell", default="a", help="name of the cell (default: a)")
-    parser.add_argument(
-        "--certs", type=Path, metavar="FOLDER", help="what `treenail certs` made: with mutual TLS and access control"
-    )
-    parser.add_argument("--port", type=int, default=7447, help="the router's port on 127.0.0.1, 0 for a free one")
-    parser.add_argument("--viewer-port", type=int, default=9876, help="port for Rerun viewers, 0 for a free one")
-    parser.add_argument("--viewer-bind", default="0.0.0.0", help="address for Rerun viewers (default: all)")
-    parser.add_argument(
-        "--web-port",
-        type=int,
-        help="port of the page for browsers, 0 for a free one (default: 9090, or a free one with --viewer-port 0)",
-    )
-    parser.add_argument("--no-web", action="store_true", help="serve no page for browsers")
-    parser.add_argument("--no-viewer", action="store_true", help="run without the viewer service")
-    parser.add_argument("--save", type=Path, metavar="FILE.rrd", help="let the viewer service record as well")
-    hil.add_arguments(parser)
+def make_plan(
+    experiment: str,
+    *,
+    overrides: Sequence[str] = (),
+    seed: int = 0,
+    episodes: int | None = None,
+    swaps: Sequence[str] = (),
+    skill: Path | None = None,
+    cell: str = "a",
+    out: Path | None = None,
+    port: int = 0,
+    certs: Path | None = None,
+    hardware: Hil | None = None,
+    viewer: Viewer | None = None,
+    fresh: bool = False,
+) -> Plan:
+    """Return a plan, checked. Raises TreenailError, which names the option of ``treenail up``.
 
-
-def plan_of(arguments: argparse.Namespace) -> Plan:
-    """Return what parsed arguments ask for, checked. Raises TreenailError."""
-    hil.check(arguments)
-    overrides = tuple(arguments.set)
-    definition = load(arguments.experiment, overrides)
-    if arguments.profile == "hil":
-        overrides += tuple(hil.overrides(definition))
-        definition = load(arguments.experiment, overrides)
+    ``experiment`` is a name or a file, ``episodes`` the definition's by default, ``skill`` a file, ``port`` the
+    router's on 127.0.0.1 and 0 a free one, ``out`` by default a folder in ``runs`` that is named by all that makes the
+    run what it is.
+    """
+    sets = tuple(overrides)
+    definition = load(experiment, sets)
+    if hardware is not None:
+        sets += tuple(hil.overrides(definition))
+        definition = load(experiment, sets)
     plugins.check(definition)
-    episodes = definition.episodes if arguments.episodes is None else arguments.episodes
-    check_run(arguments.seed, episodes)
-    Keys(arguments.cell)
-    if arguments.certs is not None:
-        loop = ("store", "task", "sim", "classifier", "agent", *(() if arguments.no_viewer else ("viewer",)))
-        for name in (ROUTER, *loop, OPERATOR):
-            identity(arguments.certs / name, name)
-    skill, from_skill = None, ""
-    if arguments.skill is not None:
-        skill = skill_file.read(arguments.skill)
-        skill_file.fits(skill.skill, definition)
-        from_skill = f"-k{skill.sha256[:8]}"
-    run = run_id(definition, arguments.seed, None if skill is None else skill.sha256)
-    swaps = planned(run, definition, arguments.swap, episodes)
-    from_swaps = f"-w{digest(swaps)[:8]}" if swaps else ""
-    folder = f"{definition.name}-{definition_sha256(definition)[:8]}-s{arguments.seed}{from_skill}{from_swaps}"
-    out = arguments.out or Path("runs") / folder
-    port = _free_port("127.0.0.1", arguments.port, "--port")
-    endpoint = f"tcp/127.0.0.1:{port}" if arguments.certs is None else f"tls/127.0.0.1:{port}"
-    viewer = None if arguments.no_viewer else _viewer(arguments)
-    return Plan(arguments, overrides, definition, skill, run, episodes, out, endpoint, viewer)
+    length = definition.episodes if episodes is None else episodes
+    check_run(seed, length)
+    Keys(cell)
+    if certs is not None:
+        if hardware is not None:
+            raise CellError("--certs: expected none with `treenail up hil`: the emulated hardware has no certificates")
+        for name in (ROUTER, *LOOP, *(() if viewer is None else ("viewer",)), OPERATOR):
+            identity(certs / name, name)
+    named_skill = None if skill is None else skill_file.read(skill)
+    if named_skill is not None:
+        skill_file.fits(named_skill.skill, definition)
+    run = run_id(definition, seed, None if named_skill is None else named_skill.sha256)
+    all_swaps = planned_swaps(run, definition, swaps, length)
+    from_skill = "" if named_skill is None else f"-k{named_skill.sha256[:8]}"
+    from_swaps = f"-w{digest(all_swaps)[:8]}" if all_swaps else ""
+    folder = f"{definition.name}-{definition_sha256(definition)[:8]}-s{seed}{from_skill}{from_swaps}"
+    return Plan(
+        experiment=find(experiment).resolve(),
+        overrides=sets,
+        definition=definition,
+        seed=seed,
+        episodes=length,
+        swaps=tuple(swaps),
+        skill=named_skill,
+        cell=cell,
+        out=out or Path("runs") / folder,
+        port=_checked_port("127.0.0.1", port, "--port"),
+        certs=certs,
+        hil=hardware,
+        viewer=viewer,
+        fresh=fresh,
+    )
 
 
-def _viewer(arguments: argparse.Namespace) -> Viewer:
-    """Return where the viewer service shall listen."""
-    bind = arguments.viewer_bind
-    web_port = arguments.web_port
-    if web_port is None:  # who asks for any port for one asks for any port for the other
-        web_port = DEFAULT_WEB_PORT if arguments.viewer_port else 0
-    port = _free_port(bind, arguments.viewer_port, "--viewer-port")
-    web_port = None if arguments.no_web else _free_port(bind, web_port, "--web-port")
+def viewer_at(bind: str, port: int, web_port: int | None, save: Path | None = None) -> Viewer:
+    """Return a viewer that listens on free ports for 0; None for no page. Raises CellError when one is taken."""
+    port = _checked_port(bind, port, "--viewer-port")
+    web_port = None if web_port is None else _checked_port(bind, web_port, "--web-port")
     host = socket.gethostname() if bind in ("0.0.0.0", "::") else f"[{bind}]" if ":" in bind else bind
-    return Viewer(bind, port, web_port, host)
+    return Viewer(bind, port, web_port, host, save)
 
 
-def _free_port(host: str, port: int, option: str) -> int:
+def _checked_port(host: str, port: int, option: str) -> int:
     """Return ``port``, or a free one for 0. Raises CellError when it is taken."""
     try:
         return ports.free_port(host, port)

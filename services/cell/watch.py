@@ -7,20 +7,19 @@ import time
 import zenoh
 
 from services.bus.stop_flag import StopFlag
-from services.cell import client
+from services.cell.client import Client
 from services.cell.traffic import Published, Traffic
 
 RING = 16384
 """Messages that may wait to be read; a cell at full speed publishes some thousand a second."""
-
-
 READ_EVERY_S = 0.1
 
 
 class Watch:
-    """Listens to all that a cell publishes."""
+    """Listens to all that a cell publishes: what is not read in time is lost, and said so in ``traffic.complete``."""
 
-    def __init__(self, cell: client.Client, marks: int) -> None:
+    def __init__(self, cell: Client, marks: int) -> None:
+        """Rates are measured from the oldest of the last ``marks`` calls of ``traffic.mark``."""
         self.cell = cell
         self.traffic = Traffic(time.monotonic(), marks)
         self._prefix = cell.keys.of("")

@@ -1,0 +1,98 @@
+"""What a cell on this machine is planned to be, and the command lines that follow."""
+
+from __future__ import annotations
+
+import socket
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from services.cell.hil import FULL_SCALES, emulated
+from services.cell.local import LocalCell, temporary_cell
+from services.cell.plan import make_plan, viewer_at
+from services.cell.start import commands
+from services.wire.errors import CellError, TreenailError
+
+NAME = "chamfered-q-softmax"
+
+
+def test_a_plan_starts_the_router_first_and_names_its_endpoint_everywhere(tmp_path: Path) -> None:
+    plan = make_plan(NAME, seed=3, episodes=40, swaps=["20:agent:learner=sarsa"], cell="b", out=tmp_path)
+    services = commands(plan)
+    assert list(services) == ["router", "store", "task", "classifier", "agent", "sim"]
+    assert services["router"] == ("--listen", plan.endpoint)
+    assert all(words[:4] == ("--cell", "b", "--connect", plan.endpoint) for words in list(services.values())[1:])
+    assert services["store"][4:] == ("--file", str(tmp_path / "store.sqlite"))
+    length = ("--seed", "3", "--episodes", "40", "--swap", "20:agent:learner=sarsa")
+    assert services["task"][4:] == ("--experiment", str(plan.experiment), *length)
+    assert plan.experiment.is_absolute(), "the services may have another current folder"
+
+
+def test_a_service_may_stand_at_another_router() -> None:
+    plan = make_plan(NAME)
+    services = commands(plan, {"agent": "tcp/127.0.0.1:1"})
+    assert services["agent"][3] == "tcp/127.0.0.1:1"
+    assert services["task"][3] == plan.endpoint
+
+
+def test_a_viewer_is_started_last_and_records_where_it_is_told(tmp_path: Path) -> None:
+    viewer = viewer_at("127.0.0.1", 0, None, tmp_path / "a.rrd")
+    words = commands(make_plan(NAME, viewer=viewer))
+    assert list(words)[-1] == "viewer"
+    assert words["viewer"][-3:] == ("--no-web", "--save", str(tmp_path / "a.rrd"))
+
+
+def test_emulated_hardware_stands_in_for_the_simulator_which_has_a_world_of_its_own() -> None:
+    plan = make_plan(NAME, hardware=emulated("supervisory"))
+    services = commands(plan)
+    assert services["sim"][1] == "a-world"
+    assert set(services) > {"robot_link", "robot_link.emulator", "sensor_jr3", "sensor_jr3.emulator"}
+    assert plan.overrides == FULL_SCALES
+    assert plan.definition.sensor.full_scale_n == 200
+
+
+def test_the_run_directory_is_named_by_all_that_makes_the_run() -> None:
+    plain, swapped = make_plan(NAME, seed=2), make_plan(NAME, seed=2, swaps=["20:agent:learner=sarsa"])
+    assert plain.out.name.endswith("-s2")
+    assert swapped.out.name.startswith(f"{plain.out.name}-w")
+    assert make_plan(NAME, overrides=["start.x_mm=-1.1"]).out.name != make_plan(NAME).out.name
+
+
+def test_a_run_is_named_by_its_definition_and_seed() -> None:
+    plan = make_plan(NAME, seed=2)
+    assert replace(plan, seed=3).run == make_plan(NAME, seed=3).run != plan.run
+
+
+@pytest.mark.parametrize(("option", "index"), [("--port", 0), ("--viewer-port", 1), ("--web-port", 2)])
+def test_a_port_in_use_is_named_with_its_option(option: str, index: int) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as holder:
+        port = holder.getsockname()[1]
+        ports = [port if place == index else 0 for place in range(3)]
+        with pytest.raises(CellError, match=f"{option} {port}: cannot listen on 127.0.0.1:{port}"):
+            make_plan(NAME, port=ports[0], viewer=viewer_at("127.0.0.1", ports[1], ports[2]))
+
+
+def test_a_folder_in_which_no_run_can_be_kept_is_named_before_anything_starts(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    cell = LocalCell(make_plan(NAME, out=tmp_path / "file" / "run"))
+    with pytest.raises(TreenailError, match=str(tmp_path / "file")), cell:
+        pass
+    assert not cell.supervisor.children
+
+
+def test_a_fresh_plan_forgets_the_stores_file_and_nothing_else(tmp_path: Path) -> None:
+    (tmp_path / "store.sqlite").write_text("old")
+    (tmp_path / "summary.json").write_text("{}")
+    with LocalCell(make_plan(NAME, out=tmp_path)):
+        assert (tmp_path / "store.sqlite").exists()
+    with LocalCell(make_plan(NAME, out=tmp_path, fresh=True)):
+        assert not (tmp_path / "store.sqlite").exists()
+    assert (tmp_path / "summary.json").exists()
+
+
+def test_a_temporary_cell_leaves_nothing() -> None:
+    with temporary_cell(make_plan(NAME)) as cell:
+        folder = cell.plan.out.parent
+        assert cell.plan.logs.is_dir()
+    assert not folder.exists()

@@ -1,0 +1,87 @@
+"""The options of ``treenail up``, and the plan that they make."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from services.cell import hil
+from services.cell.hil import LINKS, emulated
+from services.cell.plan import Plan, make_plan, viewer_at
+from services.rules.swaps import SPEC, SPEC_HELP
+from services.wire.errors import CellError
+
+PROFILES = ("sim", "hil")
+WEB_PORT = 9090
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of ``treenail up``."""
+    parser.add_argument(
+        "profile", choices=PROFILES, help="sim: the simulator in place of robot and sensor; hil: emulated hardware"
+    )
+    parser.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file of the definition")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
+    parser.add_argument("--episodes", type=int, help="length of the run (default: the definition's)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the run, from 0 (default: 0)")
+    parser.add_argument("--skill", type=Path, metavar="FILE", help="begin with what `treenail checkpoint export` wrote")
+    parser.add_argument("--swap", action="append", default=[], metavar=SPEC, help=SPEC_HELP)
+    parser.add_argument(
+        "--out", type=Path, help="run directory (default: runs/<experiment>-<hash>-s<seed>[-k<skill>][-w<swaps>])"
+    )
+    parser.add_argument("--fresh", action="store_true", help="forget what the run directory knows of earlier runs")
+    parser.add_argument("--cell", default="a", help="name of the cell (default: a)")
+    parser.add_argument(
+        "--certs", type=Path, metavar="FOLDER", help="what `treenail certs` made: with mutual TLS and access control"
+    )
+    parser.add_argument("--port", type=int, default=7447, help="the router's port on 127.0.0.1, 0 for a free one")
+    parser.add_argument("--viewer-port", type=int, default=9876, help="port for Rerun viewers, 0 for a free one")
+    parser.add_argument("--viewer-bind", default="0.0.0.0", help="address for Rerun viewers (default: all)")
+    parser.add_argument(
+        "--web-port",
+        type=int,
+        help="port of the page for browsers, 0 for a free one (default: 9090, or a free one with --viewer-port 0)",
+    )
+    parser.add_argument("--no-web", action="store_true", help="serve no page for browsers")
+    parser.add_argument("--no-viewer", action="store_true", help="run without the viewer service")
+    parser.add_argument("--save", type=Path, metavar="FILE.rrd", help="let the viewer service record as well")
+    parser.add_argument(
+        "--link", choices=LINKS, help="hil: how the controller is spoken to (default: terminal); supervisory is DDCMP"
+    )
+    parser.add_argument(
+        "--thesis-speed",
+        action="store_true",
+        help=f"hil: a line of {hil.THESIS_BAUD} baud, motions of {hil.THESIS_MOTION_S} s: "
+        "about one decision a second, as in the thesis",
+    )
+
+
+def plan_of(arguments: argparse.Namespace) -> Plan:
+    """Return what parsed arguments ask for, checked. Raises TreenailError."""
+    if arguments.profile != "hil" and (arguments.link is not None or arguments.thesis_speed):
+        raise CellError("--link, --thesis-speed: expected with `treenail up hil` only: the simulator has no line")
+    web_port = arguments.web_port
+    if web_port is None:  # who asks for any port for one asks for any port for the other
+        web_port = WEB_PORT if arguments.viewer_port else 0
+    hardware = None
+    if arguments.profile == "hil":
+        hardware = emulated(arguments.link or LINKS[0], thesis_speed=arguments.thesis_speed)
+    viewer = None
+    if not arguments.no_viewer:
+        web_port = None if arguments.no_web else web_port
+        viewer = viewer_at(arguments.viewer_bind, arguments.viewer_port, web_port, arguments.save)
+    return make_plan(
+        arguments.experiment,
+        overrides=arguments.set,
+        seed=arguments.seed,
+        episodes=arguments.episodes,
+        swaps=arguments.swap,
+        skill=arguments.skill,
+        cell=arguments.cell,
+        out=arguments.out,
+        port=arguments.port,
+        certs=arguments.certs,
+        hardware=hardware,
+        viewer=viewer,
+        fresh=arguments.fresh,
+    )
