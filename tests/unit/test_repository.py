@@ -42,7 +42,7 @@ def texts() -> Iterator[tuple[str, str]]:
         folders[:] = sorted(name for name in folders if name not in NOT_OURS and not name.endswith(".egg-info"))
         for name in sorted(names):
             path = Path(folder) / name
-            if path.is_symlink() or path.stat().st_size > MAX_BYTES:
+            if name in NOT_OURS or path.is_symlink() or path.stat().st_size > MAX_BYTES:  # .git is a file in a worktree
                 continue
             try:
                 yield str(path.relative_to(ROOT)), path.read_text(encoding="utf-8")
