@@ -161,7 +161,7 @@ class Process:
 
 def children(pid: int) -> dict[str, int]:
     """Return the services among a process's children, as process ids by name."""
-    found = {}
+    found: dict[str, int] = {}
     try:
         for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
             words = Path(f"/proc/{child}/cmdline").read_text().split("\0")

@@ -146,7 +146,7 @@ def rig(
     finally:
         ended.set()
         feeling.join()
-    answering.undeclare()
+    answering.undeclare()  # type: ignore[no-untyped-call]
     session.close()  # type: ignore[no-untyped-call]
 
 

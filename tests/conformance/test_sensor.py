@@ -116,19 +116,19 @@ def sim(bus: Bus, small: Path, folder: Path) -> Rig:
 def jr3(bus: Bus, small: Path, folder: Path) -> Rig:
     """The JR3 driver on its emulator, whose plug is pulled."""
     emulator = bus.run_module("services.sensor_jr3.emulator", "--load", "1,2,3,0.1,0.2,0.3", "--calibration-s", "0.05")
-    found: list[str] = []
-    bus.wait_until("the emulator listens", lambda: found.extend(re.findall(r"tcp://\S+", emulator.out)) or found)
+    bus.wait_until("the emulator listens", lambda: re.findall(r"tcp://\S+", emulator.out))
+    (url,) = re.findall(r"tcp://\S+", emulator.out)
     started: list[Any] = []
 
     def start() -> Any:
-        started.append(bus.start("sensor_jr3", "--url", found[0], "--settle-s", "0"))
+        started.append(bus.start("sensor_jr3", "--url", url, "--settle-s", "0"))
         return started[-1]
 
     def mend() -> Any:
-        press(found[0], "pull", 0)
+        press(url, "pull", 0)
         return started[-1]
 
-    return Rig("sensor_jr3", start, lambda _: press(found[0], "pull", 1), mend)
+    return Rig("sensor_jr3", start, lambda _: press(url, "pull", 1), mend)
 
 
 @pytest.fixture(params=RIGS)

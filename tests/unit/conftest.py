@@ -162,14 +162,15 @@ def wrong_lengths(arguments: tuple[Any, ...], limits: dict[str, Any], value: Any
     items = [msgspec.to_builtins(item, builtin_types=(bytes,)) for item in value]
     if Ellipsis not in arguments:
         return [items[:-1], [*items, items[0]], []]
-    short = [[]] if limits.get("min_length") else []
+    short: list[list[Any]] = [[]] if limits.get("min_length") else []
     long = [items[:1] * (limits["max_length"] + 1)] if "max_length" in limits else []
     return [*short, *long]
 
 
 def wrong_scalars(bare: Any, limits: dict[str, Any]) -> list[Any]:
     if bare is float:
-        low, high = limits.get("ge", limits.get("gt")), limits.get("le", limits.get("lt"))
+        low: Any = limits.get("ge", limits.get("gt"))
+        high: Any = limits.get("le", limits.get("lt"))
         outside = [math.nextafter(low, -math.inf), math.nextafter(high, math.inf), high + 1, low - 1, 2**64 - 1]
         outside += [low] if "gt" in limits else []
         outside += [high] if "lt" in limits else []

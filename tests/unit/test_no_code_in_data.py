@@ -51,7 +51,7 @@ def sources() -> dict[str, str]:
 def complaints(where: str, text: str) -> list[str]:
     """Return what must not be in a module's source."""
     found = [
-        f"{where}:{node.lineno}: {what}"
+        f"{where}:{getattr(node, 'lineno', 0)}: {what}"
         for node in ast.walk(ast.parse(text))
         for what in (*_imports(where, node), *_calls(where, node))
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pytest
@@ -49,7 +50,8 @@ class Workers:
         random = np.random.default_rng(episode)
         steps = []
         for number in range(DECISIONS):
-            place = {"run": RUN, "episode": episode, "step": number, "decision": episode * DECISIONS + number}
+            decision = episode * DECISIONS + number
+            place: dict[str, Any] = {"run": RUN, "episode": episode, "step": number, "decision": decision}
             place["swaps"] = known_in(swaps, episode)
             force, torque = random.normal(size=(2, 3)).tolist()
             state = self.classifier.observe(Observation(**place, force_n=tuple(force), torque_nm=tuple(torque)))

@@ -99,7 +99,7 @@ class Composition:
     def get(self, key: str, cell: str = "a") -> subprocess.CompletedProcess[str]:
         """Run ``treenail get``."""
         where = f"127.0.0.1:{self.ports['ROUTER_PORT']}"
-        connect = ("--connect", f"tcp/{where}")
+        connect: tuple[str, ...] = ("--connect", f"tcp/{where}")
         if self.certs is not None:
             connect = ("--connect", f"tls/{where}", "--certs", str(self.certs / "guest"))
         command = [sys.executable, "-m", "treenail.__main__", "get", key, "--cell", cell, "--compact", *connect]

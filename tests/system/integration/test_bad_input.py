@@ -177,7 +177,7 @@ def test_motions_of_a_stranger_are_undone(live: Any, rogue: Rogue, reference: Ca
     for turn in range(12):
         live.wait_actions(3)
         home = Home(run=run, episode=turn, **at, **turned)
-        request = {"payload": encode(home), "encoding": encoding_of(Home)}
+        request: dict[str, Any] = {"payload": encode(home), "encoding": encoding_of(Home)}
         assert [reply.ok is not None for reply in rogue.session.get(live.keys.of(names.HOME), **request)] == [True]
         elsewhere = msgspec.structs.replace(home, x_mm=5.0, z_mm=1.0)
         (refusal,) = rogue.query("home", encode(elsewhere), encoding_of(Home))

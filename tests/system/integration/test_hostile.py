@@ -42,7 +42,7 @@ class Hostile:
 
     def ask(self, name: str, request: Message) -> None:
         """Ask for a motion and go on."""
-        what = {"payload": encode(request), "encoding": encoding_of(type(request)), "timeout": 60.0}
+        what: dict[str, Any] = {"payload": encode(request), "encoding": encoding_of(type(request)), "timeout": 60.0}
         self.session.get(self.keys.of(name), self._take, **what)
 
     def told(self, name: str, request: Message) -> Moved | Refusal:
@@ -62,9 +62,11 @@ class Hostile:
         self.felt_n += [math.hypot(*force) for force in packet.force_n]
 
     def _take(self, reply: zenoh.Reply) -> None:
+        kind: type[Moved] | type[Refusal]
         kind, part = (Refusal, reply.err) if reply.ok is None else (Moved, reply.ok)
         assert part is not None
-        self.answers.put(decode(kind, part.payload.to_bytes(), str(part.encoding)))
+        answer: Moved | Refusal = decode(kind, part.payload.to_bytes(), str(part.encoding))
+        self.answers.put(answer)
 
 
 @pytest.fixture

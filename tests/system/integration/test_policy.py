@@ -223,9 +223,9 @@ def test_who_asks_may_leave(learnt: Any, ask: Callable[..., Any], wait_until: Ca
     session = zenoh.open(zenoh.Config.from_json5(json.dumps(
         {"mode": "client", "connect": {"endpoints": [learnt.endpoint]}}
     )))  # fmt: skip
-    session.get(learnt.keys.of(f"{POLICY}?{FT}"), zenoh.handlers.Callback(lambda _: None))
+    session.get(learnt.keys.of(f"{POLICY}?{FT}"), lambda _: None)
     query = silent.kept.get(timeout=CLIENT_WAITS_S)
-    session.close()
+    session.close()  # type: ignore[no-untyped-call]
     with query:
         query.reply(silent.key, b"", encoding="text/plain")
     wait_until("it was noticed", lambda: learnt.refused("agent").get("WrongTypeError") == 1)
@@ -242,7 +242,11 @@ def test_a_bad_answer_of_the_classifier_is_refused_on(learnt: Any, what: str) ->
     silent = SilentClassifier(learnt)
     said = flooded(learnt, 1)
     kind: type[Message] = PolicyAnswer if what == "another type" else Classified
-    changes = {"another run": {"run": "other"}, "a state beyond all numbers": {"state": 2**62}}.get(what, {})
+    all_changes: dict[str, dict[str, Any]] = {
+        "another run": {"run": "other"},
+        "a state beyond all numbers": {"state": 2**62},
+    }
+    changes = all_changes.get(what, {})
     silent.say(b"\xc1" if what == "garbage" else encode(classified(learnt, **changes)), encoding_of(kind))
     (refusal,) = said.get(timeout=CLIENT_WAITS_S)
     assert refusal["reason"] == ("bad_request" if "state" in what else "not_ready")

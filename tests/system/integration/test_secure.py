@@ -75,7 +75,7 @@ def join(secured: str, certs: Path) -> Iterator[Callable[[str], zenoh.Session]]:
 
         def open_as(name: str) -> zenoh.Session:
             session = open_client([secured], 30.0, certs=certs / name)
-            stack.callback(session.close)  # type: ignore[arg-type]
+            stack.callback(session.close)
             return session
 
         yield open_as
@@ -226,8 +226,11 @@ def test_a_reader_of_everything_gets_what_it_may_hear(
 ) -> None:
     guest, task, agent = join("guest"), join("task"), join("agent")
     heard: list[str] = []
-    note = Callback(lambda sample: heard.append(str(sample.key_expr).removeprefix(KEYS.of(""))), indirect=False)
-    held = guest.declare_subscriber(KEYS.of("**"), note)
+
+    def note(sample: zenoh.Sample) -> None:
+        heard.append(str(sample.key_expr).removeprefix(KEYS.of("")))
+
+    held = guest.declare_subscriber(KEYS.of("**"), Callback(note, indirect=False))
     # Not everybody may: the agent would hear the truth that the simulator tells.
     overheard: list[object] = []
     spying = agent.declare_subscriber(KEYS.of("**"), Callback(overheard.append, indirect=False))

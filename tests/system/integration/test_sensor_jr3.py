@@ -227,7 +227,7 @@ def shown(house: Any, sequence: str) -> FtPacket | Refusal:
     """Return the answer of an emulator that follows cell ``world``."""
     (reply,) = house.session.get(Keys("world").of("jr3/shown") + f"?sequence={sequence}", timeout=10.0)
     found = reply.ok or reply.err
-    kind = FtPacket if reply.ok is not None else Refusal
+    kind: type[FtPacket] | type[Refusal] = FtPacket if reply.ok is not None else Refusal
     answer: FtPacket | Refusal = decode(kind, found.payload.to_bytes(), str(found.encoding))
     return answer
 

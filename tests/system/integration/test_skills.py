@@ -49,8 +49,8 @@ def misfit(small: Path) -> NamedSkill:
 @pytest.fixture(scope="module")
 def expected(small: Path, learnt: NamedSkill) -> dict[str, str]:
     """How the cell's run has to end that begins with the skill."""
-    done: dict[str, str] = dict(run_seed(load(str(small)), 1, EPISODES, lambda _: None, learnt).result.digests)
-    return done
+    digests = run_seed(load(str(small)), 1, EPISODES, lambda _: None, learnt).result.digests
+    return {name: str(value) for name, value in digests.items()}
 
 
 @pytest.fixture

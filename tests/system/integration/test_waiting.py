@@ -247,7 +247,7 @@ def test_an_agent_that_knows_less_than_the_run_has_seen_is_refused(live: Any, wa
     )
 
     def act(seen: Observation, version: int) -> None:
-        place = {"run": seen.run, "episode": seen.episode, "step": seen.step, "decision": seen.decision}
+        place: dict[str, Any] = {"run": seen.run, "episode": seen.episode, "step": seen.step, "decision": seen.decision}
         put(live, live.keys.of(ACTION), Action(**place, state=0, action=seen.decision % 4, policy_version=version))
 
     def decide_until(holds: Callable[[Observation], bool]) -> Observation:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -176,7 +177,7 @@ def test_a_reward_with_other_content_is_refused() -> None:
     for change in ({"reward": 99.0}, {"terminal": "collision"}):
         fold = run(fresh("q_learning"), last=3)
         wrong = replace(SEEN[2][1], **change)
-        refused(fold, lambda fold=fold, wrong=wrong: fold.reward(wrong), DivergedError)
+        refused(fold, partial(fold.reward, wrong), DivergedError)
 
 
 def test_a_state_with_other_content_is_refused() -> None:
@@ -204,13 +205,14 @@ def test_a_reward_before_its_decision_is_refused(count: int) -> None:
 
 
 def test_another_run_is_refused() -> None:
-    for act in (
+    acts: tuple[Callable[[AgentFold], object], ...] = (
         lambda fold: fold.decide(replace(SEEN[3][0], run="other-s0")),
         lambda fold: fold.reward(replace(SEEN[2][1], run="other-s0")),
         lambda fold: fold.replay(replace(next(journal("q_learning")), run="other-s0")),
-    ):
+    )
+    for act in acts:
         fold = run(fresh("q_learning"), last=3)
-        refused(fold, lambda fold=fold, act=act: act(fold), ForeignRunError)
+        refused(fold, partial(act, fold), ForeignRunError)
 
 
 def test_an_earlier_episode_is_refused() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import random
+from typing import Any
 
 import pytest
 
@@ -27,7 +28,7 @@ EXPECTED_US = {"classifier": 300, "agent": 200, "robot": 1200, "decision": 1700}
 
 
 def loop(name: str, decision: int, episode: int = 0, step: int = 0, run: str = RUN) -> LoopMessage:
-    place = {"run": run, "episode": episode, "step": step, "decision": decision}
+    place: dict[str, Any] = {"run": run, "episode": episode, "step": step, "decision": decision}
     match name:
         case "observation":
             return Observation(force_n=(0.0, 0.0, -1.0), torque_nm=(0.0, 0.0, 0.0), **place)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
@@ -146,7 +147,7 @@ def test_a_gap_is_refused(count: int) -> None:
     for ahead in (1, 2):
         if count + ahead < len(SEEN):
             fold = after(count)
-            refused(fold, lambda fold=fold, ahead=ahead: fold.observe(SEEN[count + ahead]), GapError)
+            refused(fold, partial(fold.observe, SEEN[count + ahead]), GapError)
 
 
 def test_another_run_is_refused() -> None:
@@ -160,7 +161,7 @@ def test_another_run_is_refused() -> None:
 def test_the_same_decision_with_another_sample_is_refused() -> None:
     for change in ({"force_n": (1.0, 2.0, 3.0)}, {"torque_nm": (0.0, 0.0, 0.0)}, {"step": 77}):
         fold = after(3)
-        refused(fold, lambda fold=fold, change=change: fold.observe(replace(SEEN[2], **change)), DivergedError)
+        refused(fold, partial(fold.observe, replace(SEEN[2], **change)), DivergedError)
 
 
 def test_an_earlier_episode_is_refused() -> None:

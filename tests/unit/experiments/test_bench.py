@@ -16,7 +16,7 @@ from experiments.bench.bare_chain import BareChain, ChainTimes, Decision, Motion
 from experiments.bench.loop import Case, Round, report
 from experiments.bench.parts import ART2_CASES
 from experiments.bench.pattern import Pattern, Timed, pattern, timed
-from experiments.bench.values import spread
+from experiments.bench.values import Value, spread
 from experiments.lab.in_process import InProcessRun
 from services.bus.session import open_client, open_router
 from services.cell.traffic import percentile
@@ -190,7 +190,12 @@ def test_a_report_is_text_too(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_text_shows_every_kind_of_value() -> None:
-    found = {"a": {"median": 1.0, "min": 0.5, "max": 2.0}, "met": True, "part": {"n": 3}, "cases": [{"x": 1}, {"x": 2}]}
+    found: dict[str, Value] = {
+        "a": {"median": 1.0, "min": 0.5, "max": 2.0},
+        "met": True,
+        "part": {"n": 3},
+        "cases": [{"x": 1}, {"x": 2}],
+    }
     text = lines(found)
     assert text[0] == "a      1  (0.5 to 2)"
     assert text[1] == "met    yes"

@@ -43,7 +43,7 @@ def of(a: Any, b: Any, journal_b: list[JournalEpisode] | None = None, **more: An
     return comparison
 
 
-def brute_force(a: Any, b: Any) -> tuple[int, int, str]:
+def brute_force(a: Any, b: Any) -> Any:
     """Return episode, index and field of the first value that is not the same, from plain lists."""
     fields = ("step", "force_n", "torque_nm", "state", "action", "reward", "policy_version")
     rows = [

@@ -67,7 +67,7 @@ def test_twice_the_cells_are_twice_the_load_and_half_the_routers_too() -> None:
     )
     assert isinstance(once, Mapping)
     assert isinstance(twice, Mapping)
-    assert twice["passages_per_s"] == pytest.approx(2 * float(once["passages_per_s"]))
+    assert twice["passages_per_s"] == pytest.approx(2 * float(str(once["passages_per_s"])))
     assert fewer == twice
 
 
@@ -104,7 +104,7 @@ def test_so_many_routers_as_are_said_to_be_needed_are_enough_and_one_less_is_not
     for routers, enough in ((needed, True), (needed - 1, False)):
         use = report(plan._replace(routers=routers))["use_percent"]
         assert isinstance(use, Mapping)
-        assert (float(use["regional router"]) <= 101.0) is enough, "a cell is not divided between two routers"
+        assert (float(str(use["regional router"])) <= 101.0) is enough, "a cell is not divided between two routers"
 
 
 def test_the_same_question_has_the_same_answer(capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,7 +34,7 @@ class Heard:
         self.lines.append(line)
 
     @contextmanager
-    def working(self, kind: str, total: int, done: int) -> Iterator[object]:
+    def working(self, kind: str, total: int, done: int) -> Iterator[Callable[[], None]]:
         self.work.append((kind, total, done))
         yield lambda: None
 
@@ -110,7 +110,7 @@ def test_another_version_kind_or_number_is_computed_anew(tmp_path: Path) -> None
     assert len(list(tmp_path.iterdir())) == 4
 
 
-DAMAGES = {
+DAMAGES: dict[str, Callable[[bytes], bytes]] = {
     "empty": lambda content: b"",
     "cut": lambda content: content[:-9],
     "no JSON": lambda content: b"\xff\x00",

@@ -113,8 +113,10 @@ def test_the_probe_never_settles_on_the_wrong_convention(
 ) -> None:
     here = poses.frame((400.0, 100.0, 50.0, *numbers), convention)
     probe = here @ poses.frame((0.0,) * 6, convention)
-    listed = [Location(*(round(one, 3) for one in poses.numbers_of(place, convention))) for place in (here, probe)]
-    assert oat.settled_by(*listed) == convention
+    first, second = (
+        Location(*(round(number, 3) for number in poses.numbers_of(place, convention))) for place in (here, probe)
+    )
+    assert oat.settled_by(first, second) == convention
 
 
 def test_a_probe_that_fits_nothing_or_is_elsewhere_settles_nothing() -> None:

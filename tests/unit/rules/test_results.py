@@ -7,6 +7,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -235,7 +236,7 @@ def test_no_summary_stands_beside_episodes_that_could_not_be_written(tmp_path: P
 def test_definition_survives_toml(
     tmp_path_factory: pytest.TempPathFactory, title: str, alpha: float, policy: Policy, reward: Reward
 ) -> None:
-    learner = type(DEFINITION.learner)(alpha=alpha)
+    learner = msgspec.structs.replace(DEFINITION.learner, alpha=alpha)
     definition = Definition(name="by-hand", title=title, learner=learner, policy=policy, reward=reward)
     path = tmp_path_factory.mktemp("toml") / "definition.toml"
     path.write_bytes(result_files.definition_toml(definition).encode())

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from pathlib import Path
+from typing import Any
 
 import msgpack
 import msgspec
@@ -27,10 +28,11 @@ DEFINITION = Definition(name="test")
 OTHER_CONTRACT = "5a" * 32
 
 
-def made(definition: Definition = DEFINITION, **fields: object) -> NamedSkill:
+def made(definition: Definition = DEFINITION, **fields: Any) -> NamedSkill:
     """Return a sound skill of three states, or one with other fields."""
     actions = action_names(definition.moves)
     visits = np.ones((STATES, len(actions)), "<i8")
+    assert isinstance(definition.classifier, Art2Settings)
     inputs = 6 if definition.classifier.encoding == "odd" else 12
     sound = Skill(
         run=run_id(definition, 7),
@@ -161,7 +163,7 @@ def test_what_is_no_sound_skill_is_said_in_one_line_with_the_file(
 def test_memory_that_no_worker_could_load_is_refused(whose: str, change: dict[str, int | bytes], expected: str) -> None:
     memory = {**getattr(made().skill, whose), **change}
     with pytest.raises(BadPayloadError, match=expected):
-        skill.decode(encode(made(**{whose: memory}).skill), encoding_of(Skill))
+        skill.decode(encode(made(DEFINITION, **{whose: memory}).skill), encoding_of(Skill))
 
 
 def test_skill_of_nothing_is_sound() -> None:

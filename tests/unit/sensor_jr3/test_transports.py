@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from services.sensor_jr3 import build_port, isa, transports
+from services.sensor_jr3 import build_port, transports
 from services.sensor_jr3.card import NoCardError, Sample, SettingError, UrlError
 from services.sensor_jr3.driver import Driver, Setup
 from services.sensor_jr3.isa import IsaCard
@@ -149,7 +149,7 @@ def test_without_a_compiler_it_says_what_is_needed(tmp_path: Path, monkeypatch: 
 def test_a_machine_without_ports_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(platform, "machine", lambda: "aarch64")
     with pytest.raises(SettingError, match="which has I/O ports, got linux on aarch64"):
-        isa.check_machine()
+        build_port.check_machine()
 
 
 @pytest.mark.parametrize(

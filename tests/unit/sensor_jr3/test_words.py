@@ -95,7 +95,7 @@ def test_three_seconds_at_8_khz_come_whole_and_once(card: EmulatedCard, clock: C
     with serving(card) as server:
         there = TcpCard("127.0.0.1", server.port)
         assert there.collect(COUNTER, DATA, 0.0).samples == []
-        counters = []
+        counters: list[int] = []
         while len(counters) < 24_000:
             clock.pause(0.013)
             counters += [sample.counter for sample in there.collect(COUNTER, DATA, 0.0).samples]

@@ -14,6 +14,7 @@ import pytest
 from services.classifier.art2 import Art2
 from services.wire import definition_file
 from services.wire.definition import (
+    Art2Settings,
     Definition,
     EpsilonAnnealed,
     EpsilonGreedy,
@@ -61,6 +62,7 @@ def test_a_shipped_definition_loads_under_its_own_name(name: str) -> None:
     assert definition.name == name
     assert definition.source
     assert definition.title
+    assert isinstance(definition.classifier, Art2Settings)
     Art2(definition.classifier)
 
 
