@@ -1,4 +1,4 @@
-"""How the runs of an experiment get on, and what came out of them, for people at a terminal or reading a log."""
+"""How long work gets on, and what came out of runs, for people at a terminal or reading a log."""
 
 from __future__ import annotations
 
@@ -8,113 +8,148 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Protocol, TextIO, TypeAlias
 
 from rich import box
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TaskID,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from experiments.lab.run import Listener
 from services.rules.results import STEADY_EPISODES, RunSummary
 
 LINE_EVERY_S = 15.0
-"""How often a log hears of a run's progress."""
+"""How often a log hears of each work under way."""
+
+Reach: TypeAlias = Callable[[int], None]
+"""Told how much of some work is done, in all; work that has reached its total is over."""
+
+
+class Reporter(Protocol):
+    """Who hears how long work gets on."""
+
+    def say(self, line: str) -> None:
+        """Hear something in words."""
+
+    def begin(self, what: str, total: int, unit: str, done: int = 0) -> Reach:
+        """Hear that work of ``total`` units begins, ``done`` of them from before; return who is told of more."""
 
 
 class Bars:
-    """Progress bars, one a seed and one for all, in a terminal."""
+    """A progress bar for each work, in a terminal."""
 
-    def __init__(self, progress: Progress, seeds: int, episodes: int) -> None:
+    def __init__(self, progress: Progress) -> None:
         self._progress = progress
-        self._episodes = episodes
-        self._tasks: dict[int, TaskID] = {}
-        self._done: dict[int, int] = {}
-        self._all = progress.add_task("all", total=seeds * episodes) if seeds > 1 else None
 
-    def started(self, seed: int) -> None:
-        """Show the seed's bar."""
-        self._tasks[seed] = self._progress.add_task(f"seed {seed}", total=self._episodes)
+    def say(self, line: str) -> None:
+        """Print it above the bars."""
+        self._progress.console.print(line, markup=False, highlight=False)
 
-    def advanced(self, seed: int, episodes: int) -> None:
-        """Move the seed's bar and that of all."""
-        self._done[seed] = episodes
-        self._progress.update(self._tasks[seed], completed=episodes)
-        if self._all is not None:
-            self._progress.update(self._all, completed=sum(self._done.values()))
-
-    def finished(self, seed: int) -> None:
-        """Leave the full bar standing."""
+    def begin(self, what: str, total: int, unit: str, done: int = 0) -> Reach:
+        """Show a bar."""
+        task = self._progress.add_task(what, total=total, completed=done, unit=unit)
+        return lambda count: self._progress.update(task, completed=count)
 
 
 class Lines:
-    """Plain lines for a log: when a seed starts, now and then, and when it is done."""
+    """Plain lines for a log: when work begins, now and then with the time left, and when it is done."""
 
-    def __init__(self, episodes: int, say: Callable[[str], None], now_s: Callable[[], float]) -> None:
-        self._episodes = episodes
-        self._say = say
+    def __init__(self, say: Callable[[str], None], now_s: Callable[[], float]) -> None:
+        self.say = say
         self._now_s = now_s
-        self._said_s: dict[int, float] = {}
 
-    def started(self, seed: int) -> None:
+    def begin(self, what: str, total: int, unit: str, done: int = 0) -> Reach:
         """Say so."""
-        self._said_s[seed] = self._now_s()
-        self._say(f"seed {seed}: started")
+        from_before = f", {done} of them from before" if done else ""
+        self.say(f"{what}: {total} {unit}{from_before}")
+        began_s = last_s = self._now_s()
 
-    def advanced(self, seed: int, episodes: int) -> None:
-        """Say so when the last line about this seed is some time ago."""
-        now_s = self._now_s()
-        if now_s - self._said_s[seed] >= LINE_EVERY_S:
-            self._said_s[seed] = now_s
-            self._say(f"seed {seed}: {episodes} of {self._episodes} episodes")
+        def reach(count: int) -> None:
+            nonlocal last_s
+            now_s = self._now_s()
+            if count == total > done:
+                self.say(f"{what}: done in {duration(now_s - began_s)}")
+            elif now_s - last_s >= LINE_EVERY_S and count > done:
+                last_s = now_s
+                left_s = (now_s - began_s) / (count - done) * (total - count)
+                self.say(f"{what}: {count} of {total} {unit}, about {duration(left_s)} left")
 
-    def finished(self, seed: int) -> None:
-        """Say so."""
-        self._say(f"seed {seed}: finished")
+        return reach
 
 
 @contextmanager
-def shown(seeds: int, episodes: int) -> Iterator[Listener]:
-    """Show progress on stderr: bars in a terminal, else lines."""
-    console = Console(stderr=True)
+def reporter(stream: TextIO | None = None) -> Iterator[Reporter]:
+    """Show progress on stderr (or ``stream``): bars in a terminal, else lines."""
+    stream = stream or sys.stderr
+    console = Console(file=stream)
     if not console.is_terminal:
-        yield Lines(episodes, lambda line: print(line, file=sys.stderr, flush=True), time.monotonic)
+        yield Lines(lambda line: print(line, file=stream, flush=True), time.monotonic)
         return
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         MofNCompleteColumn(),
-        TextColumn("episodes"),
+        TextColumn("{task.fields[unit]}", markup=False),
         TimeElapsedColumn(),
         TextColumn("left"),
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console) as progress:
-        yield Bars(progress, seeds, episodes)
+        yield Bars(progress)
+
+
+class Runs:
+    """Reports the runs of several seeds, each and all together."""
+
+    def __init__(self, reporter: Reporter, seeds: int, episodes: int) -> None:
+        self._reporter = reporter
+        self._episodes = episodes
+        self._reach: dict[int, Reach] = {}
+        self._done: dict[int, int] = {}
+        self._reach_all = reporter.begin("all", seeds * episodes, "episodes") if seeds > 1 else None
+
+    def started(self, seed: int) -> None:
+        """Report a run that begins."""
+        self._reach[seed] = self._reporter.begin(f"seed {seed}", self._episodes, "episodes")
+
+    def advanced(self, seed: int, episodes: int) -> None:
+        """Report how far a run is."""
+        self._done[seed] = episodes
+        self._reach[seed](episodes)
+        if self._reach_all is not None:
+            self._reach_all(sum(self._done.values()))
+
+    def finished(self, seed: int) -> None:
+        """Hear that the result is there, too."""
+
+
+@contextmanager
+def of_runs(seeds: int, episodes: int) -> Iterator[Listener]:
+    """Show on stderr how the runs of some seeds get on."""
+    with reporter() as shown:
+        yield Runs(shown, seeds, episodes)
+
+
+def duration(seconds: float) -> str:
+    """Return a length of time in words."""
+    return f"{seconds:.0f} s" if seconds < 100 else f"{seconds / 60:.0f} min"
 
 
 def table(title: str, runs: Sequence[RunSummary], moves_per_s: Sequence[float]) -> Table:
     """Return the table of results: a row a seed and, of several, their median. Means are of the last quarter."""
     caption = "return, force and success: means of the last quarter"
-    made = Table(title=title, title_justify="left", caption=caption, caption_justify="left", box=box.SIMPLE_HEAD)
-    made.pad_edge, made.collapse_padding = False, True  # so that it fits 80 columns
+    shown = Table(title=title, title_justify="left", caption=caption, caption_justify="left", box=box.SIMPLE_HEAD)
+    shown.pad_edge, shown.collapse_padding = False, True  # so that it fits 80 columns
     for column in ("seed", "steady from", "return", "force [N]", "success", "collisions", "states", "moves/s"):
-        made.add_column(column, justify="right")
+        shown.add_column(column, justify="right")
     rows = [_numbers(run, speed) for run, speed in zip(runs, moves_per_s, strict=True)]
     for run, row in zip(runs, rows, strict=True):
-        made.add_row(str(run["seed"]), *_cells(row, run["episodes"]))
+        shown.add_row(str(run["seed"]), *_cells(row, run["episodes"]))
     if len(rows) > 1:
-        made.add_section()
+        shown.add_section()
         median = [statistics.median(column) for column in zip(*rows, strict=True)]
-        made.add_row("median", *_cells(median, runs[0]["episodes"]))
-    return made
+        shown.add_row("median", *_cells(median, runs[0]["episodes"]))
+    return shown
 
 
 def _numbers(run: RunSummary, moves_per_s: float) -> list[float]:

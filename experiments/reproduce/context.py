@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
+from experiments.lab.pool import Tell, spread
+from experiments.lab.progress import Reporter
 from experiments.reproduce.cache import Cache
-from experiments.reproduce.pool import spread
-from experiments.reproduce.progress import Reporter
 
 K = TypeVar("K")
 T = TypeVar("T")
@@ -45,12 +46,19 @@ class Context:
         ``kind``, ``key`` and ``result`` are as in ``cached``; ``work`` is a function at the top of a module. Raises
         PieceError when a piece fails; those finished before it are kept.
         """
-        values = {index: self.cache.load(kind, key, result) for index, key in enumerate(keys)}
-        found = {index: value for index, value in values.items() if value is not None}
-        missing = [index for index in range(len(keys)) if index not in found]
-        with self.reporter.working(kind, len(keys), len(found)) as advanced:
-            for number, value in spread(work, [keys[index] for index in missing], self.jobs):
-                index = missing[number]
-                found[index] = self.cache.keep(kind, keys[index], value, result)
-                advanced()
-        return [found[index] for index in range(len(keys))]
+        values = [self.cache.load(kind, key, result) for key in keys]
+        missing = [index for index, value in enumerate(values) if value is None]
+        done = len(keys) - len(missing)
+        reach = self.reporter.begin(kind, len(keys), "pieces", done)
+        pieces = spread(
+            partial(_untold, work), [keys[index] for index in missing], self.jobs, lambda key: f"piece {key}"
+        )
+        for count, (number, value) in enumerate(pieces, done + 1):
+            index = missing[number]
+            values[index] = self.cache.keep(kind, keys[index], value, result)
+            reach(count)
+        return [value for value in values if value is not None]
+
+
+def _untold(work: Callable[[K], T], key: K, _tell: Tell) -> T:
+    return work(key)

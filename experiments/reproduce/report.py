@@ -11,8 +11,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from experiments.bench.values import cpu_name
-from experiments.lab.run import usable_cores
-from experiments.reproduce import page, progress
+from experiments.lab import progress
+from experiments.lab.pool import usable_cores
+from experiments.reproduce import page
 from experiments.reproduce.cache import Cache
 from experiments.reproduce.chapter import CannotRun, Section
 from experiments.reproduce.code import code_sha256
@@ -60,7 +61,7 @@ def make(wanted: Wanted, sections: Sequence[Section] = SECTIONS) -> Path:
     index = wanted.out / INDEX
     _prepare(index)
     began = time.monotonic()
-    with progress.shown() as reporter:
+    with progress.reporter() as reporter:
         cache = Cache(wanted.out / CACHE, reporter.say, code_sha256())
         context = Context(wanted.quick, wanted.seeds, wanted.data, cache, reporter, wanted.jobs or usable_cores())
         done = [run(section, context) for section in sections if wanted.only is None or section.name in wanted.only]

@@ -97,7 +97,7 @@ def test_no_module_turns_data_into_code() -> None:
 
 def test_all_of_the_software_is_looked_at() -> None:
     known = set(sources())
-    assert {"services/wire/codec.py", "services/store/database.py", "experiments/reproduce/pool.py"} <= known
+    assert {"services/wire/codec.py", "services/store/database.py", "experiments/lab/pool.py"} <= known
     assert len(known) > 100
 
 

@@ -44,7 +44,7 @@ def _run(arguments: argparse.Namespace) -> int:
     # Whatever could be missing is loaded before the runs, not after an hour of them.
     from rich.console import Console
 
-    from experiments.lab import plots, progress, result_files, run
+    from experiments.lab import plots, pool, progress, result_files, run
     from services.rules import results
 
     definition = definition_file.load(arguments.experiment, arguments.set)
@@ -61,9 +61,9 @@ def _run(arguments: argparse.Namespace) -> int:
     folder = arguments.out or Path("runs", "experiments", f"{definition.name}-{sha256[:8]}{from_skill}{from_swaps}")
     seeds = arguments.seed_list or list(range(arguments.seeds))
     result_files.prepare(folder, sha256, arguments.force)
-    with progress.shown(len(seeds), episodes) as listener:
+    with progress.of_runs(len(seeds), episodes) as listener:
         timed = run.run_seeds(
-            definition, seeds, episodes, arguments.jobs or run.usable_cores(), listener, skill, planned
+            definition, seeds, episodes, arguments.jobs or pool.usable_cores(), listener, skill, planned
         )
     runs = [one.result for one in timed]
     summary = results.summary(definition, sha256, runs, planned)

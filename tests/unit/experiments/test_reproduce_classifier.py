@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +10,7 @@ import pytest
 from msgspec.structs import replace
 
 from experiments.lab.contact_states import Sample
+from experiments.lab.progress import Reach
 from experiments.lab.recordings import FAILURES, DataError
 from experiments.reproduce import classifier_figures as figures
 from experiments.reproduce import classifier_thesis as thesis
@@ -187,10 +186,9 @@ class Quiet:
     def say(self, line: str) -> None:
         """Hear something."""
 
-    @contextlib.contextmanager
-    def working(self, kind: str, total: int, done: int) -> Iterator[Callable[[], None]]:
+    def begin(self, what: str, total: int, unit: str, done: int = 0) -> Reach:
         """Hear of work."""
-        yield lambda: None
+        return lambda count: None
 
 
 def context(folder: Path, data: Path | None) -> Context:

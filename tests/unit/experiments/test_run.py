@@ -14,8 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from experiments.lab.progress import LINE_EVERY_S, Lines, table
-from experiments.lab.run import SeedError, TimedRun, run_seed, run_seeds
+from experiments.lab.pool import PieceError
+from experiments.lab.progress import LINE_EVERY_S, Lines, Runs, table
+from experiments.lab.run import TimedRun, run_seed, run_seeds
 from services.rules.results import Digests, RunResult, RunSummary, run_summary
 from services.wire import definition_file
 from services.wire.messages import EpisodeSummary
@@ -50,6 +51,12 @@ class Heard:
         return [(what, episodes) for what, of_seed, episodes in self.events if of_seed == seed]
 
 
+def spawned_by(pid: int) -> list[int]:
+    """Return the processes for runs that a process has started."""
+    children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return [int(child) for child in children if b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes()]
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder in which the command, as a process, ran seeds 4 and 1 for three episodes."""
@@ -70,7 +77,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ]
     done = subprocess.run(line, cwd=folder, env=environment, capture_output=True, text=True, timeout=DEADLINE_S)
     assert done.returncode == 0, done.stderr
-    assert done.stderr.splitlines()[0] == "seed 1: started"
+    assert done.stderr.splitlines()[0] == "all: 6 episodes"
+    assert {"seed 1: 3 episodes", "seed 4: 3 episodes"} <= set(done.stderr.splitlines())
     (folder / "stdout").write_text(done.stdout)
     return folder
 
@@ -89,9 +97,12 @@ def test_same_seed_gives_the_same_run_in_every_process_and_order(folder: Path) -
     written = json.loads((results_of(folder) / "summary.json").read_text())
     assert [run_summary(run.result) for run in again] == written["runs"]
     assert written["runs"][0]["digests"] != written["runs"][1]["digests"]
-    one = [("started", 0), *(("advanced", episodes) for episodes in (1, 2, 3)), ("finished", 0)]
-    assert [event[1] for event in heard.events] == [1] * 5 + [4] * 5, "one job: one after the other"
-    assert heard.of(1) == heard.of(4) == one
+    assert [event[1] for event in heard.events] == sorted(event[1] for event in heard.events), "one after the other"
+    for seed in (1, 4):
+        first, *between, last = heard.of(seed)
+        assert (first, last) == (("started", 0), ("finished", 0))
+        assert between == sorted(set(between))
+        assert between[-1] == ("advanced", 3)
 
 
 def test_command_leaves_results_and_a_table(folder: Path) -> None:
@@ -114,19 +125,17 @@ def test_figures_are_drawn_again_from_the_episodes(folder: Path) -> None:
 
 
 def test_failing_seed_ends_all_and_is_named() -> None:
-    with pytest.raises(SeedError, match=r"^seed [38]: observation: decision \d+: classes: expected at most 1 "):
+    with pytest.raises(PieceError, match=r"^seed [38]: observation: decision \d+: classes: expected at most 1 "):
         run_seeds(definition_file.load(NAME, FULL), [8, 3], 50, 2, Heard())
 
 
 def test_child_that_dies_is_a_failure_of_its_seed() -> None:
     class Killer(Heard):
         def advanced(self, seed: int, episodes: int) -> None:
-            children = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
-            spawned = [pid for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-            assert len(spawned) == 1
-            os.kill(int(spawned[0]), signal.SIGKILL)
+            (child,) = spawned_by(os.getpid())
+            os.kill(child, signal.SIGKILL)
 
-    with pytest.raises(SeedError, match=r"^seed 6: its process ended without a result, signal 9$"):
+    with pytest.raises(PieceError, match=r"^seed 6: its process ended without a result, signal 9$"):
         run_seeds(definition_file.load(NAME), [6], 100_000, 1, Killer())
 
 
@@ -159,7 +168,7 @@ def test_error_is_one_line_and_status_2(
     assert main(arguments) == 2
     stdout, stderr = capsys.readouterr()
     assert stdout == ""
-    said = [line for line in stderr.splitlines() if not re.fullmatch(r"seed \d+: started", line)]
+    said = [line for line in stderr.splitlines() if not re.fullmatch(r"seed \d+: \d+ episodes", line)]
     assert len(said) == 1
     assert re.fullmatch("treenail experiment: " + complaint, said[0])
     assert not list(tmp_path.glob("runs/**/summary.json"))
@@ -229,17 +238,31 @@ def test_interrupt_ends_every_process_without_results(tmp_path: Path, moment: st
         line, cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True, start_new_session=True
     ) as process:
         assert process.stderr is not None
-        assert [process.stderr.readline() for _ in range(2)] == ["seed 0: started\n", "seed 1: started\n"]
+        assert process.stderr.readline().startswith("all: ")
+        wait_until(lambda: len(spawned_by(process.pid)) == 2, "both are starting")
         if moment == "children at work":
             wait_until(lambda: sum("sapien" in maps_of(pid) for pid in living(process.pid)) == 2, "both have physics")
         if moment == "terminated":
             process.terminate()
         else:
             os.killpg(process.pid, signal.SIGINT)
-        assert process.stderr.read() == "treenail experiment: interrupted, no results written\n"
+        said = [line for line in process.stderr if not re.fullmatch(r"seed \d: \d+ episodes\n", line)]
+        assert said == ["treenail experiment: interrupted, no results written\n"]
         assert process.wait(DEADLINE_S) == 130
     wait_until(lambda: not living(process.pid), "no process is left")
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def test_runs_end_with_a_parent_that_is_killed(tmp_path: Path) -> None:
+    line = [*PROGRAM, "run", NAME, "--seeds", "2", "--jobs", "2"]
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    with subprocess.Popen(
+        line, cwd=tmp_path, env=environment, stderr=subprocess.DEVNULL, start_new_session=True
+    ) as process:
+        wait_until(lambda: sum("sapien" in maps_of(pid) for pid in living(process.pid)) == 2, "both have physics")
+        process.kill()
+        process.wait(DEADLINE_S)
+    wait_until(lambda: not living(process.pid), "no process is left")
 
 
 def maps_of(pid: int) -> str:
@@ -252,13 +275,45 @@ def maps_of(pid: int) -> str:
 def test_log_hears_of_progress_now_and_then() -> None:
     said: list[str] = []
     now_s = 0.0
-    lines = Lines(50, said.append, lambda: now_s)
-    lines.started(3)
-    for episodes, at in [(1, 1.0), (7, LINE_EVERY_S), (8, LINE_EVERY_S + 1), (20, 2 * LINE_EVERY_S)]:
+    lines = Lines(said.append, lambda: now_s)
+    runs = Runs(lines, 1, 50)
+    runs.started(3)
+    for episodes, at in [(1, 1.0), (7, LINE_EVERY_S), (8, LINE_EVERY_S + 1), (20, 2 * LINE_EVERY_S), (50, 60.0)]:
         now_s = at
-        lines.advanced(3, episodes)
-    lines.finished(3)
-    assert said == ["seed 3: started", "seed 3: 7 of 50 episodes", "seed 3: 20 of 50 episodes", "seed 3: finished"]
+        runs.advanced(3, episodes)
+    runs.finished(3)
+    assert said == [
+        "seed 3: 50 episodes",
+        "seed 3: 7 of 50 episodes, about 92 s left",
+        "seed 3: 20 of 50 episodes, about 45 s left",
+        "seed 3: done in 60 s",
+    ]
+
+
+def test_what_is_there_from_before_tells_nothing_of_the_time_left() -> None:
+    said: list[str] = []
+    now_s = 0.0
+    reach = Lines(said.append, lambda: now_s).begin("cliff", 10, "pieces", 8)
+    now_s = 600.0
+    reach(9)
+    reach(10)
+    assert said == [
+        "cliff: 10 pieces, 8 of them from before",
+        "cliff: 9 of 10 pieces, about 10 min left",
+        "cliff: done in 10 min",
+    ]
+
+
+def test_several_seeds_are_counted_together_too() -> None:
+    said: list[str] = []
+    now_s = 0.0
+    runs = Runs(Lines(said.append, lambda: now_s), 2, 10)
+    for seed in (0, 1):
+        runs.started(seed)
+    now_s = 20.0
+    for seed in (0, 1):
+        runs.advanced(seed, 5)
+    assert "all: 5 of 20 episodes, about 60 s left" in said
 
 
 def summaries(seed: int, count: int) -> TimedRun:

@@ -1,0 +1,199 @@
+"""Pieces of work over several processes, started afresh; none is left behind, however it ends."""
+
+from __future__ import annotations
+
+import gc
+import multiprocessing
+import os
+import signal
+import threading
+import traceback
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import connection, resource_tracker
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from typing import Any, TypeAlias, TypeVar
+
+from services.bus.stop_flag import StopFlag
+from services.wire.errors import TreenailError
+
+K = TypeVar("K")
+T = TypeVar("T")
+Tell: TypeAlias = Callable[[int], None]
+"""Tells the parent how far a piece is."""
+
+POLL_S = 0.2
+"""How often Ctrl-C, and how far the pieces are, is looked for."""
+GRACE_S = 1.0
+"""How long a process may take to end before it is killed."""
+_NOT_BEGUN = -1
+
+
+class PieceError(TreenailError):
+    """A piece failed; the message names it."""
+
+
+@dataclass(frozen=True)
+class _Failure:
+    """What comes back in place of a result: an exception may be one that cannot be sent."""
+
+    message: str
+
+
+def usable_cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def spread(
+    work: Callable[[K, Tell], T],
+    keys: Sequence[K],
+    jobs: int,
+    name: Callable[[K], str],
+    advanced: Callable[[int, int], None] = lambda _index, _count: None,
+) -> Iterator[tuple[int, T]]:
+    """Yield (index into ``keys``, ``work(key, tell)``) as the pieces are finished, at most ``jobs`` at a time.
+
+    ``work`` is a function at the top of a module. What it tells of a piece, and 0 when it begins, ``advanced`` hears
+    now and then, after the piece's index. To be used from the main thread. Raises PieceError when a piece fails,
+    KeyboardInterrupt upon Ctrl-C or SIGTERM; all processes have ended by then. Of a parent that is killed outright
+    they end too.
+    """
+    if not keys:
+        return
+    context = multiprocessing.get_context("spawn")
+    # Plain numbers in shared memory, one writer each: no lock that a process could take along when it dies.
+    counts, owners = context.RawArray("q", [_NOT_BEGUN] * len(keys)), context.RawArray("q", len(keys))
+    heard = [_NOT_BEGUN] * len(keys)
+
+    def listen() -> None:
+        for index, count in enumerate(counts):
+            if count != heard[index]:
+                if heard[index] == _NOT_BEGUN and count:
+                    advanced(index, 0)
+                heard[index] = count
+                advanced(index, count)
+
+    pool = ProcessPoolExecutor(min(jobs, len(keys)), context, _begin, (counts, owners))
+    others, processes, pending = set(multiprocessing.active_children()), list[BaseProcess](), dict[Future[Any], int]()
+    with _interrupt_noted() as interrupted:
+        try:
+            with _interrupt_blocked():
+                for index, key in enumerate(keys):
+                    pending[_submitted(pool, work, index, key)] = index
+            processes = _children_beside(others)
+            while pending:
+                done, _ = wait(pending, POLL_S, FIRST_COMPLETED)
+                if interrupted:
+                    raise KeyboardInterrupt
+                listen()
+                for future in sorted(done, key=pending.__getitem__):
+                    index, result = pending[future], future.result()
+                    if isinstance(result, _Failure):
+                        raise PieceError(f"{name(keys[index])}: {result.message}")
+                    del pending[future]
+                    yield index, result
+            if interrupted:  # while the last result was taken in
+                raise KeyboardInterrupt
+        except BrokenProcessPool:
+            _end(pool, processes)
+            broken = [index for future, index in pending.items() if future.exception() is not None]
+            raise _died(processes, {name(keys[n]): owners[n] for n in broken if counts[n] != _NOT_BEGUN}) from None
+        finally:
+            _end(pool, processes or _children_beside(others))
+
+
+def _submitted(pool: ProcessPoolExecutor, *what: Any) -> Future[Any]:
+    """Give a piece to the pool, which starts its processes meanwhile. Raises PieceError."""
+    try:
+        return pool.submit(_do, *what)
+    except OSError as error:
+        raise PieceError(f"a process for the work could not be started: {error.strerror}") from error
+
+
+def _children_beside(others: set[BaseProcess]) -> list[BaseProcess]:
+    return [child for child in multiprocessing.active_children() if child not in others]
+
+
+def _died(processes: Sequence[BaseProcess], under_way: dict[str, int]) -> PieceError:
+    """Return the error that names the piece whose process ended by itself, and how; the pool has ended the others."""
+    alone = [process for process in processes if process.exitcode != -signal.SIGTERM] or processes
+    pids = [process.pid for process in alone]
+    names = [name for name, pid in under_way.items() if pid in pids] or list(under_way)
+    status = alone[0].exitcode or 0 if alone else 0
+    how = f"signal {-status}" if status < 0 else f"exit status {status}"
+    return PieceError(f"{' or '.join(names) or 'a piece'}: its process ended without a result, {how}")
+
+
+def _end(pool: ProcessPoolExecutor, processes: Sequence[BaseProcess]) -> None:
+    """Make sure that the processes have ended."""
+    for process in processes:
+        process.terminate()
+    for process in processes:
+        if not connection.wait([process.sentinel], GRACE_S):
+            process.kill()
+    pool.shutdown()
+
+
+@contextmanager
+def _interrupt_noted() -> Iterator[StopFlag]:
+    """Note Ctrl-C and SIGTERM, not end at once, so that no process is lost between being started and being listed."""
+    noted = StopFlag()
+    try:
+        yield noted
+    finally:
+        noted.restore()
+
+
+@contextmanager
+def _interrupt_blocked() -> Iterator[None]:
+    """Start processes meanwhile that do not answer Ctrl-C, which the terminal sends to them too, with a traceback."""
+    # A process starts with the signals blocked that are blocked here. The tracker comes first: it unblocks SIGINT.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+# -- in the processes ------------------------------------------------------------------------------------------------
+
+_shared: tuple[Any, Any]
+"""How far each piece is, and the process id of who has it."""
+
+
+def _begin(counts: Any, owners: Any) -> None:
+    """Get ready for pieces: Python waits for them for ever, also when the parent is gone."""
+    global _shared
+    _shared = counts, owners
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+
+    def follow() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
+    gc.freeze()  # what is loaded by now stays, and need not be looked through again and again
+
+
+def _do(work: Callable[[K, Tell], T], index: int, key: K) -> T | _Failure:
+    counts, owners = _shared
+    owners[index], counts[index] = os.getpid(), 0
+
+    def tell(count: int) -> None:
+        counts[index] = count
+
+    try:
+        return work(key, tell)
+    except TreenailError as error:
+        return _Failure(" ".join(str(error).split()))
+    except Exception as error:  # whatever it is, the parent has to name the piece
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(place.filename).name}, line {place.lineno}"
+        return _Failure(" ".join(f"{type(error).__name__}: {error} ({where})".split()))
