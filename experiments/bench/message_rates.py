@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from experiments.bench.values import Value
-from services.bus.service import HEARTBEAT_S
+from services.bus.inbox import HEARTBEAT_S
 from services.wire.errors import TreenailError
 
 WIRE_BYTES = 200

@@ -26,16 +26,21 @@ def serve(options: Options) -> None:
     """Run the agent until it is stopped."""
     with Service("agent", options) as service:
         service.claim()
-        worker: Worker[AgentFold] = Worker(service, blank)
-        if not worker.load():
-            return
-        shell = AgentShell(service, worker)
-        service.subscribe(STATE, State, shell.on_state, "classifier")
-        service.subscribe(REWARD, Reward, shell.on_reward, "task")
-        service.answer(Q_TABLE, lambda _: q_table(worker))
-        service.answer_later(POLICY, shell.on_policy, "state", "ft")
-        worker.loop()
-        shell.classifier.close()
+        work(service)
+
+
+def work(service: Service) -> None:
+    """Be the agent of a cell until stopped."""
+    worker: Worker[AgentFold] = Worker(service, blank)
+    if not worker.load():
+        return
+    shell = AgentShell(service, worker)
+    service.subscribe(STATE, State, shell.on_state, "classifier")
+    service.subscribe(REWARD, Reward, shell.on_reward, "task")
+    service.answer(Q_TABLE, lambda _: q_table(worker))
+    service.answer_later(POLICY, shell.on_policy, "state", "ft")
+    worker.loop()
+    shell.classifier.close()
 
 
 class AgentShell:

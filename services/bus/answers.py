@@ -99,11 +99,11 @@ def answer_in(reply: zenoh.Reply, kind: type[M]) -> M | Refusal | None:
 def to_first(
     kind: type[M],
     then: Callable[[M | Refusal | None], None],
-    post: Callable[[tuple[Callable[..., None], object]], None],
+    post: Callable[[Callable[..., None], object], None],
 ) -> Callback[zenoh.Reply]:
     """Return where a query's replies go: ``then`` gets the first, by way of ``post``, or None without a good one.
 
-    ``post`` is given functions with what to call them with, on Zenoh's thread, and calls them on another.
+    ``post`` is given a function and what to call it with, on Zenoh's thread, and calls it on another.
     """
     replies: list[zenoh.Reply] = []
 
@@ -118,11 +118,11 @@ def to_first(
     def on_reply(reply: zenoh.Reply) -> None:
         replies.append(reply)
         if len(replies) == 1:
-            post((take, reply))
+            post(take, reply)
 
     def on_end() -> None:
         if not replies:  # else the loop knows already, and need not be woken once more
-            post((then, None))
+            post(then, None)
 
     return Callback(on_reply, on_end, indirect=False)
 

@@ -20,26 +20,31 @@ def serve(options: Options) -> None:
     """Run the classifier until it is stopped."""
     with Service("classifier", options) as service:
         service.claim()
-        worker: Worker[ClassifierFold] = Worker(service, blank)
-        if not worker.load():
-            return
-        publish = service.publisher(STATE, State)
+        work(service)
 
-        def observe(observation: Observation) -> None:
-            def apply() -> None:
-                fold = worker.fold
-                # Only of a complete memory: with observations missing it would not be what the key says.
-                complete = (observation.run, observation.decision) == (fold.run, fold.decisions)
-                if complete and observation.episode > fold.episode:
-                    worker.checkpoint_before(observation.episode)
-                publish(fold.observe(observation))
 
-            worker.catching_up(apply)
+def work(service: Service) -> None:
+    """Be the classifier of a cell until stopped."""
+    worker: Worker[ClassifierFold] = Worker(service, blank)
+    if not worker.load():
+        return
+    publish = service.publisher(STATE, State)
 
-        service.subscribe(OBSERVATION, Observation, observe, "task")
-        service.answer(CLASSIFIER_STATES, lambda _: states(worker))
-        service.answer(CLASSIFY, lambda request: classified(worker, request), "ft")
-        worker.loop()
+    def observe(observation: Observation) -> None:
+        def apply() -> None:
+            fold = worker.fold
+            # Only of a complete memory: with observations missing it would not be what the key says.
+            complete = (observation.run, observation.decision) == (fold.run, fold.decisions)
+            if complete and observation.episode > fold.episode:
+                worker.checkpoint_before(observation.episode)
+            publish(fold.observe(observation))
+
+        worker.catching_up(apply)
+
+    service.subscribe(OBSERVATION, Observation, observe, "task")
+    service.answer(CLASSIFIER_STATES, lambda _: states(worker))
+    service.answer(CLASSIFY, lambda request: classified(worker, request), "ft")
+    worker.loop()
 
 
 def states(worker: Worker[ClassifierFold]) -> ClassifierStates:

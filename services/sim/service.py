@@ -19,16 +19,21 @@ def serve(options: Options, progress: bool) -> None:
     """Run the simulator until it is stopped; with ``progress``, print how the run goes."""
     with Service("sim", options) as service:
         service.claim()
-        shell = SimShell(service)
-        experiment = shell.load()
-        if experiment is None:
-            return
-        if progress:
-            follow(service, experiment)
-        service.answer(HOME, shell.on_home)
-        service.answer(MOVE, shell.on_move)
-        service.ready()
-        service.loop()
+        work(service, progress)
+
+
+def work(service: Service, progress: bool = False) -> None:
+    """Be the simulator of a cell until stopped."""
+    shell = SimShell(service)
+    experiment = shell.load()
+    if experiment is None:
+        return
+    if progress:
+        follow(service, experiment)
+    service.answer(HOME, shell.on_home)
+    service.answer(MOVE, shell.on_move)
+    service.ready()
+    service.loop()
 
 
 class SimShell:

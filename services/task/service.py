@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from functools import partial
 
 from services.bus.answers import Request
-from services.bus.service import HEARTBEAT_S, Options, Service
+from services.bus.inbox import HEARTBEAT_S
+from services.bus.service import Options, Service
 from services.bus.worker import NO_MEMORY
 from services.rules.swaps import planned
 from services.task.robot import Robot
@@ -31,12 +32,17 @@ def serve(options: Options, definition: Definition, seed: int, episodes: int, sw
     """
     with Service("task", options) as service:
         service.claim()
-        shell = TaskShell(service, definition, seed + service.place, episodes, swaps)
-        if not shell.resume():
-            return
-        service.watch(shell.on_alive)
-        service.ready()
-        shell.run_episodes()
+        work(service, definition, seed + service.place, episodes, swaps)
+
+
+def work(service: Service, definition: Definition, seed: int, episodes: int, swaps: Sequence[str] = ()) -> None:
+    """Be the task of a cell until stopped."""
+    shell = TaskShell(service, definition, seed, episodes, swaps)
+    if not shell.resume():
+        return
+    service.watch(shell.on_alive)
+    service.ready()
+    shell.run_episodes()
 
 
 class TaskShell:

@@ -12,7 +12,7 @@ from rich.table import Table
 from rich.text import Text
 from zenoh.handlers import Callback
 
-from services.bus.service import HEARTBEAT_S
+from services.bus.inbox import HEARTBEAT_S
 from services.cell import client
 from services.cell.terminal import console
 from services.rules.swaps import words

@@ -16,7 +16,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from services.bus.service import HEARTBEAT_S
+from services.bus.inbox import HEARTBEAT_S
 from services.bus.stop_flag import StopFlag
 from services.cell import client
 from services.cell.terminal import console

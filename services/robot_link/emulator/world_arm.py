@@ -212,6 +212,5 @@ class WorldArm:
             raise ArmFault(f"Servo refuses: {answer.message[:60]}".replace("*", ""))
 
 
-def _now(event: tuple[Callable[..., None], object]) -> None:
-    call, argument = event
+def _now(call: Callable[..., None], argument: object) -> None:
     call(argument)
