@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from experiments.bench.values import Value, machine
 from services.bus.command import EXIT_ERROR, Parser
+from services.wire.definition_file import load
 from services.wire.errors import TreenailError
 from services.wire.randomness import MAX_SEED
 
@@ -40,7 +41,7 @@ def main(words: Sequence[str] | None = None) -> int:
     arguments = _parser().parse_args(words)
     try:
         found: dict[str, Value] = {"bench": arguments.bench, "machine": machine()}
-        results = RUNS[arguments.bench](arguments)
+        results = _measure(arguments)
         found |= {"results": results}
     except TreenailError as error:
         print(f"{PROGRAM}: {error}", file=sys.stderr)
@@ -80,102 +81,58 @@ def _shown(value: Value) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def _loop(arguments: argparse.Namespace) -> dict[str, Value]:
-    from experiments.bench.loop import Case, measure
+def _measure(arguments: argparse.Namespace) -> dict[str, Value]:
+    """Carry out what was asked for. Each bench is loaded where it is used: some need libraries that others do not."""
+    match arguments.bench:
+        case "art2" | "sim" | "learner":
+            return _part(arguments)
+        case "link":
+            from experiments.bench.link import link
 
-    case = Case(arguments.experiment, tuple(arguments.set), arguments.seed, arguments.episodes, arguments.secure)
-    return measure(case, arguments.rounds)
+            return link(arguments.messages, arguments.moves, arguments.rounds)
+        case "scale":
+            from experiments.bench.message_rates import network, report
+
+            return report(network(arguments))
+        case _:
+            return _whole(arguments)
 
 
-def _query(arguments: argparse.Namespace) -> dict[str, Value]:
-    from experiments.bench.query import Case, measure
+def _part(arguments: argparse.Namespace) -> dict[str, Value]:
+    """Measure a part of the loop."""
+    from experiments.bench import parts
 
-    case = Case(arguments.experiment, tuple(arguments.set), arguments.seed, arguments.seconds, arguments.rate)
-    return measure(case, arguments.rounds)
-
-
-def _sim(arguments: argparse.Namespace) -> dict[str, Value]:
-    from experiments.bench.parts import sim
-    from services.wire.definition_file import load
-
+    if arguments.bench == "art2":
+        return parts.art2(arguments.steps, arguments.rounds)
     definition = load(arguments.experiment, arguments.set)
-    return sim(definition, arguments.seed, arguments.moves, arguments.episodes, arguments.rounds)
+    if arguments.bench == "learner":
+        return parts.learner(definition, arguments.seed, arguments.steps, arguments.rounds)
+    return parts.sim(definition, arguments.seed, arguments.moves, arguments.episodes, arguments.rounds)
 
 
-def _art2(arguments: argparse.Namespace) -> dict[str, Value]:
-    from experiments.bench.parts import art2
+def _whole(arguments: argparse.Namespace) -> dict[str, Value]:
+    """Measure runs or cells of an experiment."""
+    from experiments.bench import classifiers, fleet, loop, query, soak, start, viewer
+    from experiments.bench.cell import Subject
 
-    return art2(arguments.steps, arguments.rounds)
-
-
-def _classifiers(arguments: argparse.Namespace) -> dict[str, Value]:
-    from experiments.bench.classifiers import measure
-    from services.wire.definition_file import load
-
-    definition = load(arguments.experiment, arguments.set)
-    return measure(definition, arguments.seed, arguments.vectors, arguments.episodes, arguments.rounds)
-
-
-def _learner(arguments: argparse.Namespace) -> dict[str, Value]:
-    from experiments.bench.parts import learner
-    from services.wire.definition_file import load
-
-    return learner(load(arguments.experiment, arguments.set), arguments.seed, arguments.steps, arguments.rounds)
-
-
-def _link(arguments: argparse.Namespace) -> dict[str, Value]:
-    from experiments.bench.link import link
-
-    return link(arguments.messages, arguments.moves, arguments.rounds)
-
-
-def _start(arguments: argparse.Namespace) -> dict[str, Value]:
-    from experiments.bench.start import measure
-
-    return measure(arguments.experiment, tuple(arguments.set), arguments.seed, arguments.rounds)
-
-
-def _viewer(arguments: argparse.Namespace) -> dict[str, Value]:
-    from experiments.bench.viewer import Case, measure
-
-    seconds = 60.0 * arguments.minutes
-    return measure(Case(arguments.experiment, tuple(arguments.set), arguments.seed, seconds, arguments.memory_limit))
-
-
-def _soak(arguments: argparse.Namespace) -> dict[str, Value]:
-    from experiments.bench.soak import Case, measure
-
-    length = (60.0 * arguments.minutes, arguments.in_packet, arguments.keep_episodes)
-    return measure(Case(arguments.experiment, tuple(arguments.set), arguments.seed, *length))
-
-
-def _fleet(arguments: argparse.Namespace) -> dict[str, Value]:
-    from experiments.bench.fleet import Case, measure
-
-    overrides = tuple(arguments.set)
-    return measure(Case(arguments.experiment, overrides, arguments.seed, arguments.cells, arguments.episodes))
-
-
-def _scale(arguments: argparse.Namespace) -> dict[str, Value]:
-    from experiments.bench.message_rates import network, report
-
-    return report(network(arguments))
-
-
-RUNS: Mapping[str, Callable[[argparse.Namespace], dict[str, Value]]] = {
-    "loop": _loop,
-    "query": _query,
-    "sim": _sim,
-    "art2": _art2,
-    "classifiers": _classifiers,
-    "learner": _learner,
-    "link": _link,
-    "start": _start,
-    "viewer": _viewer,
-    "soak": _soak,
-    "fleet": _fleet,
-    "scale": _scale,
-}
+    subject = Subject(arguments.experiment, tuple(arguments.set), arguments.seed)
+    definition = subject.definition  # what is wrong with it is said before anything starts
+    match arguments.bench:
+        case "loop":
+            return loop.measure(subject, arguments.episodes, arguments.rounds, secure=arguments.secure)
+        case "query":
+            return query.measure(subject, arguments.seconds, arguments.rate, arguments.rounds)
+        case "classifiers":
+            vectors, episodes, rounds = arguments.vectors, arguments.episodes, arguments.rounds
+            return classifiers.measure(definition, subject.seed, vectors, episodes, rounds)
+        case "start":
+            return start.measure(subject, arguments.rounds)
+        case "viewer":
+            return viewer.measure(subject, 60.0 * arguments.minutes, arguments.memory_limit)
+        case "soak":
+            return soak.measure(subject, 60.0 * arguments.minutes, arguments.in_packet, arguments.keep_episodes)
+        case _:
+            return fleet.measure(subject, arguments.cells, arguments.episodes)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -10,45 +10,26 @@ import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from experiments.bench.loop import WORKERS
+from experiments.bench.cell import MeasuredCell, Subject
 from experiments.bench.processes import MB, Usage, mind, total, usages
 from experiments.bench.values import Value, spread
 from experiments.lab.run import run_seed
-from services.bus.ports import free_port
-from services.bus.service import Options
-from services.cell.client import Client
 from services.cell.ended import EndedRun, result_of
-from services.cell.supervisor import Supervisor
+from services.cell.local import LocalCell
+from services.cell.plan import Plan
 from services.cell.watch import Watch
 from services.rules.results import RunResult
-from services.wire.definition import Definition
-from services.wire.definition_file import find, load, run_id
 from services.wire.errors import CellError
-from services.wire.keys import EPISODE
-from services.wire.messages import EpisodeSummary
 from services.wire.randomness import MAX_SEED
 
 READY_WITHIN_S = 120.0
-EPISODE_WITHIN_S = 120.0
 POLL_S = 0.02
-LOOP = (*WORKERS, "task")
+WORKERS = ("sim", "classifier", "agent")
 SHARED = ("router", "store")
-
-
-class Case(NamedTuple):
-    """What is run."""
-
-    experiment: str
-    overrides: tuple[str, ...]
-    seed: int
-    """Of the first cell; seeds count up from it."""
-    cells: tuple[int, ...]
-    """Numbers of cells to measure, one after the other."""
-    episodes: int
-    """Of each cell, at least 2: time is taken from when all cells have finished their first one."""
 
 
 class Moment(NamedTuple):
@@ -74,26 +55,31 @@ class Fleet(NamedTuple):
     """Which cells ended in the bytes of a run in one process."""
 
 
-def measure(case: Case) -> dict[str, Value]:
-    """Measure fleets of all the sizes. Raises TreenailError when one cannot be run."""
-    definition = load(case.experiment, case.overrides)
-    most = max(case.cells)
-    if case.seed + most - 1 > MAX_SEED:
-        raise CellError(f"--seed: expected at most {MAX_SEED - most + 1} with {most} cells, got {case.seed}")
-    expected = [run_seed(definition, case.seed + place, case.episodes, _nothing).result for place in range(most)]
-    messages = _messages(case, definition)
-    return report(case, messages, [(count, _run(case, definition, expected[:count])) for count in case.cells])
+def measure(subject: Subject, cells: Sequence[int], episodes: int) -> dict[str, Value]:
+    """Measure fleets of so many cells, each with ``episodes`` (2 or more) and a seed of its own.
+
+    Time is taken from when all cells have finished their first episode. Raises TreenailError when one cannot be run.
+    """
+    definition, most = subject.definition, max(cells)
+    if subject.seed + most - 1 > MAX_SEED:
+        raise CellError(f"--seed: expected at most {MAX_SEED - most + 1} with {most} cells, got {subject.seed}")
+    expected = [run_seed(definition, subject.seed + n, episodes, lambda _: None).result for n in range(most)]
+    plan = subject.plan(episodes)
+    messages = _messages(plan)
+    return report(subject, episodes, messages, [(count, _run(plan, expected[:count])) for count in cells])
 
 
-def report(case: Case, messages: dict[str, Value], found: Sequence[tuple[int, Fleet]]) -> dict[str, Value]:
+def report(
+    subject: Subject, episodes: int, messages: dict[str, Value], fleets: Sequence[tuple[int, Fleet]]
+) -> dict[str, Value]:
     """Return the figures of some fleets, given by their number of cells."""
     return {
-        "experiment": case.experiment,
-        "seed": case.seed,
-        "episodes": case.episodes,
-        "equal": all(all(fleet.equal) for _, fleet in found),
+        "experiment": subject.experiment,
+        "seed": subject.seed,
+        "episodes": episodes,
+        "equal": all(all(fleet.equal) for _, fleet in fleets),
         "messages_per_decision": messages,
-        "fleets": [_figures(count, fleet) for count, fleet in found],
+        "fleets": [_figures(count, fleet) for count, fleet in fleets],
     }
 
 
@@ -120,136 +106,98 @@ def _figures(count: int, fleet: Fleet) -> dict[str, Value]:
     }
 
 
-def _nothing(_: int) -> None:
-    """Hear nothing of how far a run is."""
-
-
-class _Cell:
-    """One cell of a fleet, its processes and what has come of it."""
-
-    def __init__(self, name: str, seed: int, supervisor: Supervisor, client: Client) -> None:
-        self.name = name
-        self.seed = seed
-        self.supervisor = supervisor
-        self.client = client
-        self.summaries: list[EpisodeSummary] = []
-        client.subscribe(EPISODE, EpisodeSummary, self.summaries.append)
-
-
 class _Running:
     """A fleet's processes, with the tasks not yet started."""
 
-    def __init__(self, case: Case, shared: Supervisor, cells: Sequence[_Cell], endpoint: str) -> None:
-        self._case, self._shared, self._endpoint = case, shared, endpoint
+    def __init__(self, shared: LocalCell, cells: Sequence[MeasuredCell]) -> None:
+        self._shared = shared
         self.cells = cells
 
     def start(self) -> None:
         """Start the tasks, all at once."""
-        case = self._case
-        overrides = [word for item in case.overrides for word in ("--set", item)]
-        experiment = ("--experiment", str(find(case.experiment).resolve()), *overrides)
-        for cell in self.cells:
-            where = ("--cell", cell.name, "--connect", self._endpoint)
-            length = ("--seed", str(cell.seed), "--episodes", str(case.episodes))
-            cell.supervisor.start("task", *where, *experiment, *length)
+        for measured in self.cells:
+            measured.cell.start("task")
 
     def mind(self) -> None:
         """Raise CellError when a process has ended."""
-        mind(self._shared, *(cell.supervisor for cell in self.cells))
+        mind(self._shared.supervisor, *(measured.cell.supervisor for measured in self.cells))
 
     def wait(self, episodes: int) -> Moment:
         """Return what there is when every cell has finished so many episodes."""
-        known, deadline = 0, time.monotonic() + EPISODE_WITHIN_S
-        while min(len(cell.summaries) for cell in self.cells) < episodes:
-            self.mind()
-            if (now := sum(len(cell.summaries) for cell in self.cells)) > known:
-                known, deadline = now, time.monotonic() + EPISODE_WITHIN_S
-            if time.monotonic() > deadline:
-                raise CellError(f"bench: expected an episode within {EPISODE_WITHIN_S:g} s, got none")
-            time.sleep(POLL_S)
-        return self._moment()
-
-    def _moment(self) -> Moment:
-        summaries = [summary for cell in self.cells for summary in tuple(cell.summaries)]
+        for measured in self.cells:
+            measured.wait(episodes)
+        self.mind()
         return Moment(
             time.monotonic(),
-            sum(summary.decisions for summary in summaries),
-            len(summaries),
-            tuple(total(usages(cell.supervisor).values()) for cell in self.cells),
-            usages(self._shared),
+            sum(measured.decisions for measured in self.cells),
+            sum(len(measured.summaries) for measured in self.cells),
+            tuple(total(usages(measured.cell.supervisor).values()) for measured in self.cells),
+            usages(self._shared.supervisor),
         )
 
 
-def _run(case: Case, definition: Definition, expected: Sequence[RunResult]) -> Fleet:
+def _run(plan: Plan, expected: Sequence[RunResult]) -> Fleet:
     """Run a fleet of as many cells as there are results to expect."""
-    with _fleet(case, len(expected)) as running:
+    with _fleet(plan, len(expected)) as running:
         running.start()
-        first, last = running.wait(1), running.wait(case.episodes)
+        first, last = running.wait(1), running.wait(plan.episodes)
         equal = []
-        for cell, single in zip(running.cells, expected, strict=True):
-            ended = EndedRun(run_id(definition, cell.seed), definition, cell.seed, case.episodes, 0)
-            equal.append(result_of(cell.client, ended, running.mind) == single)
+        for measured, single in zip(running.cells, expected, strict=True):
+            mine = measured.cell.plan
+            ended = EndedRun(mine.run, mine.definition, mine.seed, mine.episodes, 0)
+            equal.append(result_of(measured.client, ended, running.mind) == single)
     return Fleet(first, last, tuple(equal))
 
 
-def _messages(case: Case, definition: Definition) -> dict[str, Value]:
+def _messages(plan: Plan) -> dict[str, Value]:
     """Return messages and bytes per decision by key, as somebody who listens to a whole cell counts them.
 
     ``home`` and ``move`` are queries, which nobody can listen to: their number is that of the motions.
     """
-    with _fleet(case, 1) as running:
+    with _fleet(plan, 1) as running:
         (cell,) = running.cells
         watch = Watch(cell.client, 1)
         running.start()
-        while len(cell.summaries) < case.episodes:
+        while len(cell.summaries) < plan.episodes:
             running.mind()
             watch.read_for(POLL_S)
         watch.read_for(1.0)  # the last episode's checkpoint and journal come after its summary
     if not watch.traffic.complete:
         raise CellError("bench: expected to hear all that a cell publishes, it was too much")
-    decisions = sum(summary.decisions for summary in cell.summaries)
     found: dict[str, Value] = {
-        name: {"messages": one.messages / decisions, "bytes": one.payload_bytes / decisions}
+        name: {"messages": one.messages / cell.decisions, "bytes": one.payload_bytes / cell.decisions}
         for name, one in sorted(watch.traffic.counts.items())
         if name != "heartbeat"  # once a second whatever is decided
     }
     motions = sum(summary.moves + 1 for summary in cell.summaries)
-    return {**found, "home and move": {"questions": motions / decisions}}
+    return {**found, "home and move": {"questions": motions / cell.decisions}}
 
 
 @contextmanager
-def _fleet(case: Case, count: int) -> Iterator[_Running]:
+def _fleet(plan: Plan, count: int) -> Iterator[_Running]:
     """A fleet that is ready for its tasks; all that was started has ended afterwards."""
-    endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with tempfile.TemporaryDirectory(prefix="treenail-bench-") as name, ExitStack() as stack:
-        shared = _supervisor(Path(name), "shared", stack)
-        shared.start("router", "--listen", endpoint)
-        store = ("--fleet", str(count), "--file", str(Path(name) / "store.sqlite"))
-        shared.start("store", *store, "--connect", endpoint)
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="treenail-bench-")))
+        shared = stack.enter_context(
+            LocalCell(replace(plan, out=folder / "shared"), options={"store": ("--fleet", str(count))})
+        )
+        shared.start(*SHARED)
         cells = []
-        for place in range(count):
-            cell = str(place + 1)
-            client = stack.enter_context(Client(Options(cell, (endpoint,))))
-            cells.append(_Cell(cell, case.seed + place, _supervisor(Path(name), cell, stack), client))
-            for service in WORKERS:
-                cells[-1].supervisor.start(service, "--cell", cell, "--connect", endpoint)
-        running = _Running(case, shared, cells, endpoint)
+        for number in range(1, count + 1):
+            mine = replace(plan, cell=str(number), seed=plan.seed + number - 1, out=folder / str(number))
+            cell = stack.enter_context(LocalCell(mine))
+            cells.append(MeasuredCell(cell, stack.enter_context(cell.client())))
+            cell.start(*WORKERS)
+        running = _Running(shared, cells)
         _wait_for_claims(running, count * (len(WORKERS) + 1))
         yield running
-
-
-def _supervisor(folder: Path, name: str, stack: ExitStack) -> Supervisor:
-    (folder / name).mkdir()
-    supervisor = Supervisor(folder / name, lambda _: None)
-    stack.callback(supervisor.stop)
-    return supervisor
 
 
 def _wait_for_claims(running: _Running, count: int) -> None:
     """Return when so many processes have their roles. Raises CellError when they do not come to that."""
     session, deadline = running.cells[0].client.session, time.monotonic() + READY_WITHIN_S
-    while (found := len(list(session.liveliness().get("treenail/*/claim/*/*", timeout=2.0)))) < count:
+    while (claims := len(list(session.liveliness().get("treenail/*/claim/*/*", timeout=2.0)))) < count:
         running.mind()
         if time.monotonic() > deadline:
-            raise CellError(f"bench: expected {count} processes within {READY_WITHIN_S:g} s, got {found}")
+            raise CellError(f"bench: expected {count} processes within {READY_WITHIN_S:g} s, got {claims}")
         time.sleep(0.1)

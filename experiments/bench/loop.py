@@ -6,47 +6,21 @@ They are measured on the same decisions, one after the other in every round, bec
 
 from __future__ import annotations
 
-import queue
-import tempfile
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from experiments.bench.bare_chain import BareChain, ChainTimes, bare_processes
+from experiments.bench.cell import Subject, measured_cell
 from experiments.bench.pattern import Pattern, Timed, pattern, timed
 from experiments.bench.values import Value, spread
-from services.bus.access import GUEST
-from services.bus.ports import free_port
-from services.bus.service import Options
 from services.bus.session import open_client
-from services.cell.certificates import certify
-from services.cell.client import Client
-from services.cell.supervisor import Supervisor, last_line
-from services.wire.definition_file import find, load, run_id
+from services.cell.local import temporary_cell
 from services.wire.errors import CellError
-from services.wire.keys import EPISODE
-from services.wire.messages import EpisodeSummary
 
 TARGET_RATIO = 2.0
 """At most this many bare chains may the distributed loop cost beside its physics."""
 SECURED_RATIO = 1.2
 """At most this much may the cell cost with certificates, in terms of the cell without."""
-EPISODE_WITHIN_S = 120.0
-WORKERS = ("sim", "classifier", "agent")
-
-
-class Case(NamedTuple):
-    """What is run."""
-
-    experiment: str
-    overrides: tuple[str, ...]
-    seed: int
-    episodes: int
-    """The first one is not counted: it holds start-up and first calls."""
-    secure: bool = False
-    """Whether the cell is measured with certificates as well."""
 
 
 class Round(NamedTuple):
@@ -58,22 +32,26 @@ class Round(NamedTuple):
     secured_s: float | None = None
 
 
-def measure(case: Case, rounds: int) -> dict[str, Value]:
-    """Measure so many rounds. Raises CellError when the cell does not do what the run in one process does."""
-    definition = load(case.experiment, case.overrides)
-    counted = case.episodes - 1
-    plan = pattern(definition, case.seed, counted)
-    found = []
+def measure(subject: Subject, episodes: int, rounds: int, *, secure: bool = False) -> dict[str, Value]:
+    """Measure so many rounds. Raises CellError when the cell does not do what the run in one process does.
+
+    The first of the episodes is not counted: it holds start-up and first calls. With ``secure`` the cell is measured
+    with certificates as well.
+    """
+    definition, counted = subject.definition, episodes - 1
+    noted = pattern(definition, subject.seed, counted)
+    measured = []
     for number in range(rounds):
-        in_process, chain = timed(definition, case.seed, counted), bare_chain(plan)
-        # The two take turns at being first: a machine's speed changes with time.
-        kinds = (False, True) if case.secure else (False,)
-        cells = {secure: distributed(case, plan, secure=secure) for secure in kinds[:: -1 if number % 2 else 1]}
-        found.append(Round(in_process, chain, cells[False], cells.get(True)))
-    return report(case, plan, found)
+        in_process, chain = timed(definition, subject.seed, counted), bare_chain(subject, noted)
+        kinds = [False, True] if secure else [False]
+        if number % 2:  # the two take turns at being first: a machine's speed changes with time
+            kinds.reverse()
+        cells = {kind: distributed(subject, noted, secure=kind) for kind in kinds}
+        measured.append(Round(in_process, chain, cells[False], cells.get(True)))
+    return report(subject, noted, measured)
 
 
-def report(case: Case, plan: Pattern, rounds: Sequence[Round]) -> dict[str, Value]:
+def report(subject: Subject, plan: Pattern, rounds: Sequence[Round]) -> dict[str, Value]:
     """Return the figures of some rounds."""
     decisions, motions = plan.decisions, plan.motions
 
@@ -82,8 +60,8 @@ def report(case: Case, plan: Pattern, rounds: Sequence[Round]) -> dict[str, Valu
 
     ratio = spread([(one.distributed_s - one.in_process.physics_s) / one.chain.total_s for one in rounds])
     figures: dict[str, Value] = {
-        "experiment": case.experiment,
-        "seed": case.seed,
+        "experiment": subject.experiment,
+        "seed": subject.seed,
         "rounds": len(rounds),
         "episodes": len(plan.summaries),
         "decisions": decisions,
@@ -111,11 +89,11 @@ def report(case: Case, plan: Pattern, rounds: Sequence[Round]) -> dict[str, Valu
     return figures
 
 
-def bare_chain(plan: Pattern) -> ChainTimes:
+def bare_chain(subject: Subject, plan: Pattern) -> ChainTimes:
     """Play the pattern through processes that do nothing, and a router as the cell has it."""
-    with _cell() as (supervisor, endpoint, _), bare_processes(endpoint) as running:
-        supervisor.start("router", "--listen", endpoint)
-        session = open_client([endpoint])
+    with temporary_cell(subject.plan()) as cell, bare_processes(cell.plan.endpoint) as running:
+        cell.start("router")
+        session = open_client([cell.plan.endpoint])
         try:
             chain = BareChain(session)
             chain.wait(running)
@@ -125,58 +103,15 @@ def bare_chain(plan: Pattern) -> ChainTimes:
             session.close()  # type: ignore[no-untyped-call]
 
 
-def distributed(case: Case, plan: Pattern, *, secure: bool = False) -> float:
+def distributed(subject: Subject, plan: Pattern, *, secure: bool = False) -> float:
     """Run a cell and return the time [s] from the end of its first episode to the end of its last.
 
     With ``secure``, it has certificates, made for it alone.
     """
-    definition = load(case.experiment, case.overrides)
-    with _cell(secure=secure) as (supervisor, endpoint, folder):
-        cell = ("--cell", "bench", "--connect", endpoint)
-        overrides = [word for item in case.overrides for word in ("--set", item)]
-        length = ("--seed", str(case.seed), "--episodes", str(case.episodes))
-        supervisor.start("router", "--listen", endpoint)
-        us = None if supervisor.certs is None else supervisor.certs / GUEST
-        with Client(Options("bench", (endpoint,), certs=us)) as client:
-            arrived: queue.SimpleQueue[tuple[float, EpisodeSummary]] = queue.SimpleQueue()
-            client.subscribe(EPISODE, EpisodeSummary, lambda summary: arrived.put((time.perf_counter(), summary)))
-            supervisor.start("store", *cell, "--file", str(folder / "store.sqlite"))
-            experiment = str(find(case.experiment).resolve())
-            supervisor.start("task", *cell, "--experiment", experiment, *overrides, *length)
-            for name in WORKERS:
-                supervisor.start(name, *cell)
-            ends = [_next(arrived, supervisor) for _ in range(case.episodes)]
-    got = tuple(summary for _, summary in ends[1:])
-    if got != plan.summaries:
-        raise CellError(f"bench: expected the cell to repeat run {run_id(definition, case.seed)}, got another one")
-    return ends[-1][0] - ends[0][0]
-
-
-@contextmanager
-def _cell(*, secure: bool = False) -> Iterator[tuple[Supervisor, str, Path]]:
-    """A supervisor, a private endpoint and a folder; all that was started has ended afterwards."""
-    with tempfile.TemporaryDirectory(prefix="treenail-bench-") as name:
-        certs = Path(name) / "certs" if secure else None
-        if certs is not None:
-            certify(certs, [], days=1)
-        supervisor = Supervisor(Path(name), lambda _: None, certs=certs)
-        try:
-            yield supervisor, f"{'tls' if secure else 'tcp'}/127.0.0.1:{free_port()}", Path(name)
-        finally:
-            supervisor.stop()
-
-
-def _next(
-    arrived: queue.SimpleQueue[tuple[float, EpisodeSummary]], supervisor: Supervisor
-) -> tuple[float, EpisodeSummary]:
-    """Wait for the next episode. Raises CellError when a process has ended, or nothing comes."""
-    deadline = time.monotonic() + EPISODE_WITHIN_S
-    while time.monotonic() < deadline:
-        try:
-            return arrived.get(timeout=0.5)
-        except queue.Empty:
-            running = supervisor.alive()
-            for child in supervisor.children.values():
-                if child.name not in running:
-                    raise CellError(f"bench: expected {child.name} to run, it ended: {last_line(child.log)}") from None
-    raise CellError(f"bench: expected an episode within {EPISODE_WITHIN_S:g} s, got none")
+    episodes = len(plan.summaries) + 1
+    with measured_cell(subject.plan(episodes), secure=secure) as measured:
+        measured.wait(episodes)
+        ran = measured.cell.plan.run
+    if tuple(measured.summaries[1:]) != plan.summaries:
+        raise CellError(f"bench: expected the cell to repeat run {ran}, got another one")
+    return measured.finished_s[-1] - measured.finished_s[0]

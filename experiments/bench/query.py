@@ -8,48 +8,27 @@ The agent's policy version counts what it learns meanwhile, so that counting add
 from __future__ import annotations
 
 import itertools
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
-from experiments.bench.loop import WORKERS
+from experiments.bench.cell import MeasuredCell, Subject, measured_cell
 from experiments.bench.values import Value, spread
-from services.bus.ports import free_port
-from services.bus.service import Options
 from services.cell.client import Client
-from services.cell.supervisor import Supervisor, last_line
 from services.cell.traffic import percentile
 from services.wire.codec import decode_payload
-from services.wire.definition_file import find, load
 from services.wire.errors import CellError, NoAnswerError
 from services.wire.keys import POLICY, TASK_STEPS
 from services.wire.messages import JournalEpisode, PolicyAnswer
 
 TARGET_P99_MS = 5.0
-CELL = "bench"
 POLICIES = ("by_state", "by_ft")
-EPISODES = 1_000_000
-"""More than there is time for."""
 LEARNT_FIRST = 200
 """Updates before anything is measured: start-up and first calls."""
 READY_WITHIN_S = 120.0
 ANSWER_WITHIN_S = 5.0
 DEFAULT_VECTOR = (0.2, 0.0, -1.5, 0.0, 0.02, 0.0)
 """Asked for as long as nothing was felt in the episode under way."""
-
-
-class Case(NamedTuple):
-    """What is run."""
-
-    experiment: str
-    overrides: tuple[str, ...]
-    seed: int
-    seconds: float
-    """Length of each of the parts of a round."""
-    per_s: float
-    """Questions per second."""
 
 
 class Part(NamedTuple):
@@ -70,29 +49,24 @@ class Round(NamedTuple):
     by_ft: Part
 
 
-def measure(case: Case, rounds: int) -> dict[str, Value]:
-    """Measure so many rounds in one cell. Raises CellError when it does not come up or does not answer."""
-    load(case.experiment, case.overrides)
-    with tempfile.TemporaryDirectory(prefix="treenail-bench-") as name:
-        supervisor, endpoint = Supervisor(Path(name), lambda _: None), f"tcp/127.0.0.1:{free_port()}"
-        try:
-            _start(case, supervisor, endpoint)
-            with Client(Options(CELL, (endpoint,))) as client:
-                _wait(client, supervisor)
-                found = [_round(client, case) for _ in range(rounds)]
-        finally:
-            supervisor.stop()
-    return report(case, found)
+def measure(subject: Subject, seconds: float, per_s: float, rounds: int) -> dict[str, Value]:
+    """Measure so many rounds in one cell: parts of ``seconds`` each, with ``per_s`` questions a second.
+
+    Raises CellError when it does not come up or does not answer.
+    """
+    with measured_cell(subject.plan()) as measured:
+        _wait(measured)
+        return report(subject, seconds, per_s, [_round(measured.client, seconds, per_s) for _ in range(rounds)])
 
 
-def report(case: Case, rounds: Sequence[Round]) -> dict[str, Value]:
+def report(subject: Subject, seconds: float, per_s: float, rounds: Sequence[Round]) -> dict[str, Value]:
     """Return the figures of some rounds."""
     found: dict[str, Value] = {
-        "experiment": case.experiment,
-        "seed": case.seed,
+        "experiment": subject.experiment,
+        "seed": subject.seed,
         "rounds": len(rounds),
-        "seconds_each": case.seconds,
-        "queries_per_s": case.per_s,
+        "seconds_each": seconds,
+        "queries_per_s": per_s,
         "learnt_per_s_without": spread([one.alone.learnt_per_s for one in rounds]),
     }
     p99_ms: dict[str, dict[str, float]] = {}
@@ -110,37 +84,26 @@ def report(case: Case, rounds: Sequence[Round]) -> dict[str, Value]:
     return {**found, "target_p99_ms": TARGET_P99_MS, "target_met": worst < TARGET_P99_MS}
 
 
-def _start(case: Case, supervisor: Supervisor, endpoint: str) -> None:
-    options = ("--cell", CELL, "--connect", endpoint)
-    overrides = [word for item in case.overrides for word in ("--set", item)]
-    experiment = ("--experiment", str(find(case.experiment).resolve()), *overrides)
-    supervisor.start("router", "--listen", endpoint)
-    supervisor.start("store", *options, "--file", str(supervisor.log_folder / "store.sqlite"))
-    supervisor.start("task", *options, *experiment, "--seed", str(case.seed), "--episodes", str(EPISODES))
-    for name in WORKERS:
-        supervisor.start(name, *options)
-
-
-def _round(client: Client, case: Case) -> Round:
+def _round(client: Client, seconds: float, per_s: float) -> Round:
     states = (f"{POLICY}?state={state}" for state in itertools.cycle(range(4)))
     return Round(
-        _part(client, lambda: time.sleep(case.seconds)),
-        _asking(client, case, itertools.repeat("alive/store")),
-        _asking(client, case, states),
-        _asking(client, case, _vectors(client)),
+        _part(client, lambda: time.sleep(seconds)),
+        _asking(client, seconds, per_s, itertools.repeat("alive/store")),
+        _asking(client, seconds, per_s, states),
+        _asking(client, seconds, per_s, _vectors(client)),
     )
 
 
-def _asking(client: Client, case: Case, questions: Iterator[str]) -> Part:
+def _asking(client: Client, seconds: float, per_s: float, questions: Iterator[str]) -> Part:
     """Ask at a steady rate; a question that is due while another is open waits for it."""
     latencies_ms: list[float] = []
 
     def ask() -> None:
         due = time.perf_counter()
-        end = due + case.seconds
+        end = due + seconds
         while (now := time.perf_counter()) < end:
             time.sleep(max(0.0, due - now))
-            due = max(due, now) + 1 / case.per_s
+            due = max(due, now) + 1 / per_s
             latencies_ms.append(1000 * _ask(client, next(questions))[1])
 
     return _part(client, ask)._replace(latencies_ms=tuple(latencies_ms))
@@ -177,15 +140,11 @@ def _vectors(client: Client) -> Iterator[str]:
     return (f"{POLICY}?ft={','.join(map(repr, vector))}" for vector in itertools.cycle(felt))
 
 
-def _wait(client: Client, supervisor: Supervisor) -> None:
+def _wait(measured: MeasuredCell) -> None:
     """Wait until the agent has learnt a little. Raises CellError when a process has ended, or it takes too long."""
     deadline = time.monotonic() + READY_WITHIN_S
-    while time.monotonic() < deadline:
-        running = supervisor.alive()
-        for child in supervisor.children.values():
-            if child.name not in running:
-                raise CellError(f"bench: expected {child.name} to run, it ended: {last_line(child.log)}")
+    while "agent" not in measured.client.alive() or _version(measured.client) < LEARNT_FIRST:
+        measured.mind()
+        if time.monotonic() > deadline:
+            raise CellError(f"bench: expected the agent to learn within {READY_WITHIN_S:g} s, it did not")
         time.sleep(0.1)
-        if "agent" in client.alive() and _version(client) >= LEARNT_FIRST:
-            return
-    raise CellError(f"bench: expected the agent to learn within {READY_WITHIN_S:g} s, it did not")

@@ -10,7 +10,6 @@ import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -19,26 +18,18 @@ from typing import NamedTuple
 
 import numpy as np
 
+from experiments.bench.cell import MeasuredCell, Subject, measured_cell, moments
 from experiments.bench.ft_stream import SENDER
-from experiments.bench.loop import WORKERS
-from experiments.bench.processes import MB, Usage, mind, slope_per_h, usages
+from experiments.bench.processes import MB, Usage, slope_per_h, usages
 from experiments.bench.values import Value
 from services.bus.command import DIE_WITH_PARENT
-from services.bus.ports import free_port
-from services.bus.service import Options
-from services.cell.client import Client
-from services.cell.supervisor import Supervisor, last_line
-from services.wire.definition_file import find, load
+from services.cell.supervisor import last_line
 from services.wire.errors import CellError
-from services.wire.keys import EPISODE, Keys
-from services.wire.messages import EpisodeSummary
+from services.wire.keys import Keys
 
-CELL, STREAM_CELL = "bench", "bench-ft"
-ENDLESS = 1_000_000_000
-"""Episodes: more than there is time for, so that the run never ends before the time is over."""
+STREAM_CELL = "bench-ft"
 SAMPLE_EVERY_S = 1.0
 LEAST_SAMPLES = 30
-FIRST_EPISODE_WITHIN_S = 120.0
 STREAM_WITHIN_S = 60.0
 STOP_WITHIN_S = 30.0
 TARGET_P99_MS = 2.0
@@ -50,20 +41,6 @@ CYCLES = 3
 """The store's size can be judged once it has forgotten so often."""
 SAME_PEAK = 1.1
 """A peak of the store's size that is at most so many times an earlier one is the same."""
-
-
-class Case(NamedTuple):
-    """What is run."""
-
-    experiment: str
-    overrides: tuple[str, ...]
-    seed: int
-    seconds: float
-    """Length of the measurement, from the first finished episode."""
-    in_packet: int
-    """F/T samples in a packet of the stream."""
-    keep_episodes: int
-    """How many episodes the store keeps at least."""
 
 
 class Sample(NamedTuple):
@@ -89,26 +66,31 @@ class Stream(NamedTuple):
     received: Mapping[str, float]
 
 
-def measure(case: Case) -> dict[str, Value]:
-    """Run a cell and a stream for a while. Raises CellError when a process of them ends."""
-    load(case.experiment, case.overrides)
-    with tempfile.TemporaryDirectory(prefix="treenail-bench-") as name:
-        supervisor = Supervisor(Path(name), lambda _: None)
-        try:
-            samples, stream = _watch(case, supervisor, Path(name), f"tcp/127.0.0.1:{free_port()}")
-        finally:
-            supervisor.stop()
-    return report(case, samples, stream)
+def measure(subject: Subject, seconds: float, in_packet: int, keep_episodes: int) -> dict[str, Value]:
+    """Run a cell and a stream for so long, from the first finished episode. Raises CellError when a process ends.
+
+    ``in_packet`` F/T samples are in a packet of the stream; the store keeps ``keep_episodes`` at least.
+    """
+    options = {"store": ("--keep-episodes", str(keep_episodes))}
+    with measured_cell(subject.plan(), options=options, ahead=_ahead()) as measured:
+        measured.wait()
+        plan = measured.cell.plan
+        with _streaming(plan.endpoint, in_packet, plan.logs) as (pids, end):
+            _wait_for_stream(measured, pids)
+            samples = _samples(measured, seconds, pids)
+            return report(subject, in_packet, keep_episodes, samples, end())
 
 
-def report(case: Case, samples: Sequence[Sample], stream: Stream) -> dict[str, Value]:
+def report(
+    subject: Subject, in_packet: int, keep_episodes: int, samples: Sequence[Sample], stream: Stream
+) -> dict[str, Value]:
     """Return the figures of two or more samples."""
     first, last = samples[0], samples[-1]
     seconds = last.time_s - first.time_s
     memory = {name: _process(name, samples) for name in first.processes}
     return {
-        "experiment": case.experiment,
-        "seed": case.seed,
+        "experiment": subject.experiment,
+        "seed": subject.seed,
         "seconds": round(seconds, 1),
         "episodes": last.episodes - first.episodes,
         "episodes_per_s": (last.episodes - first.episodes) / seconds,
@@ -116,8 +98,8 @@ def report(case: Case, samples: Sequence[Sample], stream: Stream) -> dict[str, V
         "processes": memory,
         "all_flat": all(one["memory"] == "flat" for one in memory.values()),
         "smallest_growth_told_mb_per_h": FLAT_MB * 3600 / (samples[-1].time_s * (1 - WARM_UP)),
-        "store": _store(case, samples),
-        "ft_stream": _stream(case, stream),
+        "store": _store(keep_episodes, samples),
+        "ft_stream": _stream(in_packet, stream),
     }
 
 
@@ -138,7 +120,7 @@ def _process(name: str, samples: Sequence[Sample]) -> dict[str, Value]:
     }
 
 
-def _store(case: Case, samples: Sequence[Sample]) -> dict[str, Value]:
+def _store(keep_episodes: int, samples: Sequence[Sample]) -> dict[str, Value]:
     """Return how the store's size went: a saw, which rises until it forgets, higher where it holds longer episodes."""
     filling = [sample for sample in samples if sample.forgot == 0]
     last = samples[-1].forgot
@@ -150,34 +132,36 @@ def _store(case: Case, samples: Sequence[Sample]) -> dict[str, Value]:
         size = "too short to say"  # the last cycle is not over, and the first one began with an empty file
     else:
         first, *others = peaks[1:-1]
-        held = _held(case, samples, first)
-        allowed = [SAME_PEAK * max(1.0, _held(case, samples, one) / held) * first.store_bytes for one in others]
+        held = _held(keep_episodes, samples, first)
+        allowed = [
+            SAME_PEAK * max(1.0, _held(keep_episodes, samples, one) / held) * first.store_bytes for one in others
+        ]
         within = all(one.store_bytes <= most for one, most in zip(others, allowed, strict=True))
         size = "bounded" if within else "grows"
     per_hour = slope_per_h([one.episodes for one in filling], [float(one.store_bytes) for one in filling])
     return {
         "size": size,
-        "keep_episodes": case.keep_episodes,
+        "keep_episodes": keep_episodes,
         "forgot": last,
         "peaks_mb": [one.store_bytes / MB for one in peaks],
-        "decisions_held_at_peaks": [round(_held(case, samples, one)) for one in peaks],
+        "decisions_held_at_peaks": [round(_held(keep_episodes, samples, one)) for one in peaks],
         "last_mb": samples[-1].store_bytes / MB,
         "bytes_per_episode_while_filling": per_hour / 3600,
     }
 
 
-def _held(case: Case, samples: Sequence[Sample], now: Sample) -> float:
+def _held(keep_episodes: int, samples: Sequence[Sample], now: Sample) -> float:
     """Return how many decisions the store holds: those since it forgot last, and of the episodes that it kept then."""
     since = next(one for one in samples if one.forgot == now.forgot).episodes if now.forgot else 0
     episodes, decisions = [one.episodes for one in samples], [one.decisions for one in samples]
-    return now.decisions - float(np.interp(max(0, since - case.keep_episodes), episodes, decisions))
+    return now.decisions - float(np.interp(max(0, since - keep_episodes), episodes, decisions))
 
 
 def _cycles(samples: Sequence[Sample]) -> list[int]:
     return sorted({sample.forgot for sample in samples})
 
 
-def _stream(case: Case, stream: Stream) -> dict[str, Value]:
+def _stream(in_packet: int, stream: Stream) -> dict[str, Value]:
     real_time, sent, received = stream
     lost = int(sent["samples"] - received["samples"])
     period_ms = 1000 * sent["seconds"] / sent["samples"]
@@ -188,13 +172,13 @@ def _stream(case: Case, stream: Stream) -> dict[str, Value]:
         "gaps": int(received["gaps"]),
         "out_of_order": int(received["out_of_order"]),
         "refused": int(received["refused"]),
-        "samples_in_packet": case.in_packet,
+        "samples_in_packet": in_packet,
         "real_time_priority": real_time,
         "samples_per_s": sent["samples"] / sent["seconds"],
         "latency_median_ms": received["median_ms"],
         "latency_p99_ms": p99_ms,
         "latency_max_ms": received["max_ms"],
-        "oldest_sample_p99_ms": p99_ms + (case.in_packet - 1) * period_ms,
+        "oldest_sample_p99_ms": p99_ms + (in_packet - 1) * period_ms,
         "sender_late_median_ms": sent["late_median_ms"],
         "sender_late_p99_ms": sent["late_p99_ms"],
         "sender_late_max_ms": sent["late_max_ms"],
@@ -203,67 +187,25 @@ def _stream(case: Case, stream: Stream) -> dict[str, Value]:
     }
 
 
-class _Episodes:
-    """Counts what the cell has finished."""
-
-    def __init__(self) -> None:
-        self.episodes = self.decisions = 0
-
-    def take(self, summary: EpisodeSummary) -> None:
-        self.episodes += 1
-        self.decisions += summary.decisions
-
-
-def _watch(case: Case, supervisor: Supervisor, folder: Path, endpoint: str) -> tuple[list[Sample], Stream]:
-    done = _Episodes()
-    cell = ("--cell", CELL, "--connect", endpoint)
-    overrides = [word for item in case.overrides for word in ("--set", item)]
-    length = ("--seed", str(case.seed), "--episodes", str(ENDLESS))
-    with _ahead():
-        supervisor.start("router", "--listen", endpoint)
-    with Client(Options(CELL, (endpoint,))) as client:
-        client.subscribe(EPISODE, EpisodeSummary, done.take)
-        keep = ("--keep-episodes", str(case.keep_episodes))
-        supervisor.start("store", *cell, "--file", str(folder / "store.sqlite"), *keep)
-        supervisor.start("task", *cell, "--experiment", str(find(case.experiment).resolve()), *overrides, *length)
-        for name in WORKERS:
-            supervisor.start(name, *cell)
-        deadline = time.monotonic() + FIRST_EPISODE_WITHIN_S
-        while not done.episodes:
-            mind(supervisor)
-            if time.monotonic() > deadline:
-                raise CellError(f"bench: expected an episode within {FIRST_EPISODE_WITHIN_S:g} s, got none")
-            time.sleep(0.05)
-        with _streaming(endpoint, case.in_packet, folder) as (pids, end):
-            _wait_for_stream(client, supervisor, pids)
-            samples = _samples(case, supervisor, folder, done, pids)
-            return samples, end()
-
-
-def _wait_for_stream(client: Client, supervisor: Supervisor, stream: Mapping[str, int]) -> None:
+def _wait_for_stream(measured: MeasuredCell, stream: Mapping[str, int]) -> None:
     """Return when the sender is about to begin. Raises CellError when it does not come to that."""
     key, deadline = Keys(STREAM_CELL).alive(SENDER), time.monotonic() + STREAM_WITHIN_S
-    while not any(reply.ok for reply in client.session.liveliness().get(key, timeout=1.0)):
-        usages(supervisor, stream)
+    while not any(reply.ok for reply in measured.client.session.liveliness().get(key, timeout=1.0)):
+        usages(measured.cell.supervisor, stream)
         if time.monotonic() > deadline:
             raise CellError(f"bench: expected the stream to begin within {STREAM_WITHIN_S:g} s, it did not")
         time.sleep(0.05)
 
 
-def _samples(
-    case: Case, supervisor: Supervisor, folder: Path, done: _Episodes, stream: Mapping[str, int]
-) -> list[Sample]:
-    found: list[Sample] = []
-    every_s = min(SAMPLE_EVERY_S, case.seconds / LEAST_SAMPLES)
-    due = start = time.monotonic()
-    while due <= start + case.seconds:
-        time.sleep(max(0.0, due - time.monotonic()))
-        processes = usages(supervisor, stream)
-        size = sum(file.stat().st_size for file in folder.glob("store.sqlite*"))
-        forgot = (folder / "store.log").read_text(errors="replace").count("forgot ")
-        found.append(Sample(time.monotonic() - start, done.episodes, done.decisions, processes, size, forgot))
-        due += every_s
-    return found
+def _samples(measured: MeasuredCell, seconds: float, stream: Mapping[str, int]) -> list[Sample]:
+    samples: list[Sample] = []
+    plan = measured.cell.plan
+    for time_s in moments(seconds, min(SAMPLE_EVERY_S, seconds / LEAST_SAMPLES)):
+        processes = usages(measured.cell.supervisor, stream)
+        size = sum(file.stat().st_size for file in plan.out.glob("store.sqlite*"))
+        forgot = (plan.logs / "store.log").read_text(errors="replace").count("forgot ")
+        samples.append(Sample(time_s, len(measured.summaries), measured.decisions, processes, size, forgot))
+    return samples
 
 
 @contextmanager

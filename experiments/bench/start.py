@@ -10,6 +10,7 @@ import tempfile
 import time
 from pathlib import Path
 
+from experiments.bench.cell import Subject
 from experiments.bench.values import Value, spread
 from services.bus.ports import free_port
 from services.bus.service import Options
@@ -25,14 +26,14 @@ PATIENCE_S = 120.0
 STOP_S = 10.0
 
 
-def measure(experiment: str, overrides: tuple[str, ...], seed: int, rounds: int) -> dict[str, Value]:
+def measure(subject: Subject, rounds: int) -> dict[str, Value]:
     """Bring a cell up, viewer included, so many times, each in an empty folder; stop it after its first episode."""
-    words = ["--experiment", experiment, "--seed", str(seed)]
-    words += [word for item in overrides for word in ("--set", item)]
+    words = ["--experiment", subject.experiment, "--seed", str(subject.seed)]
+    words += [word for item in subject.overrides for word in ("--set", item)]
     seconds = spread([_first_episode(words) for _ in range(rounds)])
     return {
-        "experiment": experiment,
-        "seed": seed,
+        "experiment": subject.experiment,
+        "seed": subject.seed,
         "rounds": rounds,
         "first_episode_s": seconds,
         "target_s": TARGET_S,

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from experiments.bench.__main__ import lines, main
 from experiments.bench.bare_chain import BareChain, ChainTimes, Decision, Motion, Rewarded, bare_processes
-from experiments.bench.loop import Case, Round, report
+from experiments.bench.cell import Subject
+from experiments.bench.loop import Round, report
 from experiments.bench.parts import ART2_CASES
 from experiments.bench.pattern import Pattern, Timed, pattern, timed
 from experiments.bench.values import Value, spread
@@ -109,26 +110,26 @@ def test_the_ratio_is_of_one_round_and_the_report_gives_its_median(plan: Pattern
         timing = Timed(plan.motions, plan.decisions, 2 * physics_s, physics_s)
         return Round(timing, ChainTimes(chain_s, 0.4 * chain_s, 0.6 * chain_s), distributed_s)
 
-    found = report(Case(NAME, SHORT, SEED, 5), plan, [one(1.0, 1.0, 2.5), one(1.0, 2.0, 6.0), one(2.0, 1.0, 5.0)])
+    found = report(Subject(NAME, SHORT, SEED), plan, [one(1.0, 1.0, 2.5), one(1.0, 2.0, 6.0), one(2.0, 1.0, 5.0)])
     assert found["ratio"] == {"median": 2.5, "min": 1.5, "max": 3.0}
     assert found["target_met"] is False
     physics_us = found["physics_us"]
     assert isinstance(physics_us, Mapping)
     assert physics_us["median"] == pytest.approx(1e6 / plan.decisions)
-    assert report(Case(NAME, SHORT, SEED, 5), plan, [one(1.0, 1.0, 3.0)])["target_met"] is True
+    assert report(Subject(NAME, SHORT, SEED), plan, [one(1.0, 1.0, 3.0)])["target_met"] is True
 
 
 def test_what_security_costs_is_reported_where_it_was_measured(plan: Pattern) -> None:
     timing = Timed(plan.motions, plan.decisions, 2.0, 1.0)
     chain = ChainTimes(1.0, 0.4, 0.6)
     found = report(
-        Case(NAME, SHORT, SEED, 5, secure=True),
+        Subject(NAME, SHORT, SEED),
         plan,
         [Round(timing, chain, without_s, with_s) for without_s, with_s in ((2.0, 2.2), (4.0, 6.0), (1.0, 1.25))],
     )
     assert found["secured_ratio"] == {"median": 1.25, "min": 1.1, "max": 1.5}
     assert found["secured_target_met"] is False
-    assert "secured_ratio" not in report(Case(NAME, SHORT, SEED, 5), plan, [Round(timing, chain, 2.0)])
+    assert "secured_ratio" not in report(Subject(NAME, SHORT, SEED), plan, [Round(timing, chain, 2.0)])
 
 
 def _figures(value: object, name: str = "") -> Iterator[tuple[str, Mapping[str, float]]]:

@@ -11,11 +11,12 @@ import pytest
 
 from experiments.bench import fleet as bench_fleet
 from experiments.bench.__main__ import main
-from experiments.bench.fleet import Case, Fleet, Moment, report
+from experiments.bench.cell import Subject
+from experiments.bench.fleet import Fleet, Moment, report
 from experiments.bench.processes import Usage, total
 from experiments.lab.run import TimedRun, run_seed
 
-CASE = Case("x", (), 0, (2,), 3)
+SUBJECT = Subject("x", (), 0)
 
 
 def fleet(*equal: bool) -> Fleet:
@@ -27,7 +28,7 @@ def fleet(*equal: bool) -> Fleet:
 
 
 def test_figures_are_of_the_time_when_all_cells_were_at_work() -> None:
-    found: dict[str, Any] = dict(report(CASE, {}, [(2, fleet(True, True))]))
+    found: dict[str, Any] = dict(report(SUBJECT, 3, {}, [(2, fleet(True, True))]))
     assert found["equal"] is True
     (one,) = found["fleets"]
     assert one["equal"] == "2 of 2"
@@ -42,7 +43,7 @@ def test_figures_are_of_the_time_when_all_cells_were_at_work() -> None:
 
 
 def test_one_cell_that_differs_is_one_too_many() -> None:
-    found: dict[str, Any] = dict(report(CASE, {}, [(2, fleet(True, True)), (2, fleet(True, False))]))
+    found: dict[str, Any] = dict(report(SUBJECT, 3, {}, [(2, fleet(True, True)), (2, fleet(True, False))]))
     assert found["equal"] is False
     assert [one["equal"] for one in found["fleets"]] == ["2 of 2", "1 of 2"]
 

@@ -9,9 +9,10 @@ from typing import Any
 import pytest
 
 from experiments.bench.__main__ import lines
-from experiments.bench.query import Case, Part, Round, report
+from experiments.bench.cell import Subject
+from experiments.bench.query import Part, Round, report
 
-CASE = Case("chamfered-q-softmax", (), 3, 1, 50)
+SUBJECT = Subject("chamfered-q-softmax", (), 3)
 QUIET = Part((), 300.0)
 
 
@@ -24,7 +25,7 @@ def test_a_report_has_the_figures_of_its_rounds() -> None:
         Round(QUIET, part(1.0), part(*[1.0] * 99, 3.0), part(2.0, 2.0, 4.0)),
         Round(QUIET._replace(learnt_per_s=320.0), part(1.0), part(1.0, 2.0, 3.0), part(2.0, 9.0, learnt_per_s=250.0)),
     ]
-    found: Any = report(CASE, rounds)
+    found: Any = report(SUBJECT, 1.0, 50.0, rounds)
     assert found["learnt_per_s_without"] == {"median": 310.0, "min": 300.0, "max": 320.0}
     assert found["by_state"]["queries"] == 103
     assert found["by_state"]["p99_ms"] == {"median": 2.0, "min": 1.0, "max": 3.0}
@@ -39,8 +40,8 @@ def test_a_report_has_the_figures_of_its_rounds() -> None:
 @pytest.mark.parametrize("slow", ["by_state", "by_ft"])
 def test_both_ways_of_asking_have_to_meet_the_target(slow: str) -> None:
     good = Round(QUIET, part(9.0), part(4.9), part(4.9))
-    assert report(CASE, [good])["target_met"] is True, "the idle service is only for comparison"
-    assert report(CASE, [good._replace(**{slow: part(5.1)})])["target_met"] is False
+    assert report(SUBJECT, 1.0, 50.0, [good])["target_met"] is True, "the idle service is only for comparison"
+    assert report(SUBJECT, 1.0, 50.0, [good._replace(**{slow: part(5.1)})])["target_met"] is False
 
 
 def test_it_asks_a_real_cell(run_module: Callable[..., Any]) -> None:

@@ -15,14 +15,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiments.bench.__main__ import main
+from experiments.bench.cell import Subject
 from experiments.bench.ft_stream import PERIOD_NS, SAMPLES_PER_S, Delays, Received, samples
 from experiments.bench.processes import MB, Usage, slope_per_h, usage
-from experiments.bench.soak import Case, Sample, Stream, report
+from experiments.bench.soak import Sample, Stream, report
 from services.wire.codec import decode_payload, encode
 from services.wire.errors import CellError
 from services.wire.messages import FtPacket
 
-CASE = Case("x", (), 0, 1800.0, 8, 200)
+SUBJECT = Subject("x", (), 0)
 SENT = {"samples": 16000, "seconds": 2.0, "late_median_ms": 0.1, "late_p99_ms": 0.2, "late_max_ms": 3.0}
 RECEIVED = {
     **{"samples": 16000, "lost": 0, "gaps": 0, "out_of_order": 0, "refused": 0},
@@ -66,7 +67,7 @@ def test_the_slope_is_the_one_of_least_squares() -> None:
 
 @pytest.mark.parametrize(("growth", "word"), [(0.0, "flat"), (2.0, "flat"), (-40.0, "flat"), (4.0, "grows")])
 def test_memory_is_judged_after_the_warm_up(growth: float, word: str) -> None:
-    found = report(CASE, history(growth), GOOD)
+    found = report(SUBJECT, 8, 200, history(growth), GOOD)
     agent = part(found, "processes", "agent")
     assert agent["memory"] == word
     assert agent["slope_mb_per_h"] == pytest.approx(growth, abs=1e-3)
@@ -89,7 +90,7 @@ def saw(rise_per_cycle_mb: float, cycles: int) -> tuple[list[float], list[int]]:
     [(0.0, 6, "bounded"), (0.5, 6, "grows"), (0.0, 3, "too short to say"), (0, 4, "bounded")],
 )
 def test_a_store_is_bounded_when_its_peaks_stay(rise: float, cycles: int, word: str) -> None:
-    found = report(CASE, history(0.0, *saw(rise, cycles)), GOOD)
+    found = report(SUBJECT, 8, 200, history(0.0, *saw(rise, cycles)), GOOD)
     assert part(found, "store", "size") == word
     assert part(found, "store", "forgot") == cycles - 1
     # While it fills: 1 MB in so many samples of 30 episodes.
@@ -106,15 +107,15 @@ def test_a_store_that_holds_longer_episodes_may_be_larger_in_proportion() -> Non
     for sample in history(0.0, sizes, forgot):
         samples.append(sample._replace(decisions=decisions))
         decisions += longer if sample.forgot > 2 else longer // 2
-    assert part(report(CASE, samples, GOOD), "store", "size") == "bounded"
-    assert part(report(CASE, history(0.0, sizes, forgot), GOOD), "store", "size") == "grows"
+    assert part(report(SUBJECT, 8, 200, samples, GOOD), "store", "size") == "bounded"
+    assert part(report(SUBJECT, 8, 200, history(0.0, sizes, forgot), GOOD), "store", "size") == "grows"
 
 
 @pytest.mark.parametrize(
     ("change", "met"), [({}, True), ({"samples": 15992.0}, False), ({"p99_ms": 2.0}, False), ({"max_ms": 99.0}, True)]
 )
 def test_the_stream_meets_its_target_without_loss_and_in_time(change: dict[str, float], met: bool) -> None:
-    stream = part(report(CASE, history(0.0), Stream(True, SENT, {**RECEIVED, **change})), "ft_stream")
+    stream = part(report(SUBJECT, 8, 200, history(0.0), Stream(True, SENT, {**RECEIVED, **change})), "ft_stream")
     assert stream["target_met"] is met
     assert stream["samples_lost"] == 16000 - change.get("samples", 16000)
     assert stream["samples_per_s"] == 8000.0

@@ -5,10 +5,11 @@ from __future__ import annotations
 import pytest
 
 from experiments.bench.__main__ import main
+from experiments.bench.cell import Subject
 from experiments.bench.processes import MB
-from experiments.bench.viewer import Case, Sample, report
+from experiments.bench.viewer import Sample, report
 
-CASE = Case("x", (), 0, 100.0, "8MB")
+SUBJECT = Subject("x", (), 0)
 
 
 def samples(growth_mb_per_s: float) -> list[Sample]:
@@ -22,7 +23,7 @@ def samples(growth_mb_per_s: float) -> list[Sample]:
 
 @pytest.mark.parametrize("growth_mb_per_s", [0.0, 0.5])
 def test_growth_is_that_after_the_warm_up(growth_mb_per_s: float) -> None:
-    found = report(CASE, samples(growth_mb_per_s))
+    found = report(SUBJECT, "8MB", samples(growth_mb_per_s))
     assert found["growth_last_half_mb_per_h"] == pytest.approx(3600 * growth_mb_per_s, abs=1e-6)
     assert found["rss_first_mb"] == 100.0
     assert found["rss_last_half_mb"] == {
@@ -33,7 +34,7 @@ def test_growth_is_that_after_the_warm_up(growth_mb_per_s: float) -> None:
 
 
 def test_rates_are_those_of_the_whole_time() -> None:
-    found = report(CASE, samples(0.0))
+    found = report(SUBJECT, "8MB", samples(0.0))
     assert found["seconds"] == 100.0
     assert found["cpu_percent"] == pytest.approx(25.0)
     assert found["stream_mb_per_min"] == pytest.approx(120.0)
@@ -42,7 +43,7 @@ def test_rates_are_those_of_the_whole_time() -> None:
 
 
 def test_two_samples_are_enough() -> None:
-    assert report(CASE, samples(0.0)[:2])["growth_last_half_mb_per_h"] == pytest.approx(7200.0)
+    assert report(SUBJECT, "8MB", samples(0.0)[:2])["growth_last_half_mb_per_h"] == pytest.approx(7200.0)
 
 
 def test_a_length_that_is_none_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
