@@ -25,6 +25,7 @@ To add a section:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import TypeAlias
@@ -116,11 +117,9 @@ class Comparison:
         """Median and 90 % interval of the values with their unit, or the words."""
         if isinstance(self.ours, str):
             return self.ours
-        low, median, high = interval(self.ours)
+        median, bracket, rest = spread(self.ours).partition(" (")
         unit = f" {self.unit}" if self.unit else ""
-        if low == high == median:
-            return f"{shown(median)}{unit}"
-        return f"{shown(median)}{unit} ({shown(low)} to {shown(high)})"
+        return f"{median}{unit}{bracket}{rest}"
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -168,8 +167,16 @@ class Section:
     run: Callable[[Context], Chapter]
 
 
+def spread(values: Sequence[float]) -> str:
+    """Return median and 90 % interval of the seeds' values as the report shows them."""
+    low, median, high = interval(values)
+    return shown(median) if low == high else f"{shown(median)} ({shown(low)} to {shown(high)})"
+
+
 def shown(value: float) -> str:
-    """Return a number as the report shows it: three significant digits, whole numbers in full."""
+    """Return a number as the report shows it: three significant digits, whole numbers in full, infinity as never."""
+    if value == math.inf:
+        return "never"
     if value == round(value) or abs(value) >= 1000:
         return f"{value:.0f}"
     return f"{value:.3g}"

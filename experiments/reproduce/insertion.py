@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 
 from experiments.reproduce import insertion_exploration
 from experiments.reproduce.chapter import Block as Part
-from experiments.reproduce.chapter import Chapter, Comparisons, Figure, Heading, Table, Text, shown
+from experiments.reproduce.chapter import Chapter, Comparisons, Figure, Heading, Table, Text, spread
 from experiments.reproduce.context import Context
 from experiments.reproduce.figures import BLUE, COLOURS, VERMILION, band, drawing, moving_average, svg
-from experiments.reproduce.insertion_compare import Figures, compare, figures_of
+from experiments.reproduce.insertion_compare import Figures, aims, compare, figures_of
 from experiments.reproduce.insertion_runs import Gone, Run, insert
 from experiments.reproduce.insertion_thesis import REPORTED, Quantity, Reported
-from experiments.reproduce.verdicts import interval
 from services.wire.definition_file import definition_sha256, load, shipped
 
 QUICK_EPISODES = 110
@@ -55,6 +54,7 @@ def chapter(context: Context) -> Chapter:
     results = dict(zip(keys, context.pieces("insertions", keys, insert, Gone), strict=True))
     done = [_done(reported, [(key, results[key]) for key in of_one]) for reported, of_one in plans]
     parts: list[Part] = [_introduction(context, done), _table(done)]
+    parts.append(aims([one.reported for one in done], [one.figures for one in done]))
     for one in done:
         parts += [Heading(f"{one.reported.title} ({one.reported.where})"), *_part(context, one)]
     parts += _policies(done) + _overlap(done)
@@ -101,14 +101,9 @@ def _table(done: Sequence[Done]) -> Table:
             [figure.collisions for figure in figures],
             [figure.longest for figure in figures],
         ]
-        rows.append((one.reported.name, *(_spread(column) for column in columns)))
+        rows.append((one.reported.name, *(spread(column) for column in columns)))
     caption = "All experiments: median and 90 % interval over seeds; return to success are those of the last quarter."
     return Table("", caption, head, rows)
-
-
-def _spread(values: Sequence[float]) -> str:
-    low, median, high = interval(values)
-    return shown(median) if low == high else f"{shown(median)} ({shown(low)} to {shown(high)})"
 
 
 def _part(context: Context, one: Done) -> list[Part]:
@@ -117,7 +112,7 @@ def _part(context: Context, one: Done) -> list[Part]:
         number = one.reported.figures.get(quantity, "")
         caption = f"{LABELS[quantity][0].upper()}{LABELS[quantity][1:]}, {one.reported.name}."
         parts.append(Figure(number, caption, _curve(one, quantity)))
-    rows = compare(one.reported, one.figures, one.episodes)
+    rows = compare(one.reported, one.figures)
     if context.quick:
         note = "Short run: the quick report only shows that this can be computed."
         rows = [replace(row, note=f"{row.note} {note}".strip()) for row in rows]
@@ -189,10 +184,10 @@ def _overlap(done: Sequence[Done]) -> list[Part]:
             rows.append(
                 (
                     one.reported.name,
-                    _spread([block.states for block in last]),
-                    _spread([block.purity for block in last]),
-                    _spread([block.adjusted_rand_index for block in last]),
-                    _spread([block.entropy_bit for block in last]),
+                    spread([block.states for block in last]),
+                    spread([block.purity for block in last]),
+                    spread([block.adjusted_rand_index for block in last]),
+                    spread([block.entropy_bit for block in last]),
                 )
             )
         left.set_ylabel("uncertainty [bit]")

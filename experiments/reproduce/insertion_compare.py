@@ -3,33 +3,40 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import groupby
 from typing import NamedTuple
 
-from experiments.reproduce.chapter import Comparison
+from experiments.reproduce.chapter import Comparison, Table, spread
 from experiments.reproduce.insertion_runs import Gone
-from experiments.reproduce.insertion_thesis import Reported
-from experiments.reproduce.verdicts import at_least, at_most, near
+from experiments.reproduce.insertion_thesis import Reported, Said
+from experiments.reproduce.verdicts import Rule, Verdict, at_least, at_most, interval, near
 from services.rules.results import steady_after
 
 RETURN_TOLERANCE = 0.25
 """As a part of the thesis's return."""
+END = 100
+"""Episodes at the end of a run that "finally" stands for."""
+NEVER = math.inf
+"""Stands for what never came: later than any episode, and more than any count."""
 WHY = "See the page of this experiment in docs/experiments."
 
 
 class Figures(NamedTuple):
-    """What is compared of one run; all but the first and the last three are means over its last quarter."""
+    """What is compared of one run; return, force, torque and success are means over its last quarter."""
 
     steady: float
-    """Episode from which it is steady; the length of the run when it never is."""
+    """Episode from which it is steady; NEVER when it never is."""
     episode_return: float
     force_n: float
     torque_nm: float
     success: float
+    force_end_n: float
+    """Mean over its last 100 episodes."""
     collisions: float
     collisions_after: float
+    """After it was steady; NEVER when it never is, for then there is no such time."""
     longest: float
 
 
@@ -38,71 +45,100 @@ def figures_of(run: Gone) -> Figures:
     episodes = len(run.returns)
     last = slice(episodes - math.ceil(episodes / 4), episodes)
     steady = steady_after(run.returns, [letter == "i" for letter in run.outcomes])
-    start = episodes if steady is None else steady
     return Figures(
-        steady=start,
+        steady=NEVER if steady is None else steady,
         episode_return=_mean(run.returns[last]),
         force_n=_mean(run.force_n[last]),
         torque_nm=_mean(run.torque_nm[last]),
         success=run.outcomes[last].count("i") / len(run.outcomes[last]),
+        force_end_n=_mean(run.force_n[-END:]),
         collisions=run.outcomes.count("c"),
-        collisions_after=run.outcomes[start:].count("c"),
+        collisions_after=NEVER if steady is None else run.outcomes[steady:].count("c"),
         longest=max((len(list(group)) for letter, group in groupby(run.outcomes) if letter == "i"), default=0),
     )
 
 
-def compare(reported: Reported, figures: Sequence[Figures], episodes: int) -> list[Comparison]:
-    """Return the comparisons of one experiment, those that the thesis has a number for; runs of ``episodes``."""
-    rows: list[Comparison] = []
+class _Row(NamedTuple):
+    """How one number of the thesis is compared."""
 
-    def why(quantity: str) -> str:
-        return reported.why.get(quantity, WHY)
+    reported: str
+    """Field of ``Reported``."""
+    figure: str
+    """Field of ``Figures``."""
+    what: str
+    form: str
+    """How the thesis has the number."""
+    rule: Callable[[float], Rule]
+    why: str
+    """Key of ``Reported.why``."""
+    unit: str = ""
 
-    if (steady := reported.steady_from) is not None:
-        values = [figure.steady for figure in figures]
-        never = sum(figure.steady == episodes for figure in figures)
-        note = f"Never steady in {never} of {len(figures)} seeds." if never else ""
-        rule = at_most(steady, beats_at=steady / 2)
-        rows.append(Comparison("steady from episode", f"about {steady}", values, rule, why("steady"), note=note))
-    if (gain := reported.episode_return) is not None:
-        values = [figure.episode_return for figure in figures]
-        rule = near(gain, RETURN_TOLERANCE * abs(gain), better="higher")
-        rows.append(Comparison("return, last quarter", f"{gain:g}", values, rule, why("return")))
-    if (force := reported.force_n) is not None:
-        values = [figure.force_n for figure in figures]
-        rule = at_most(force, beats_at=force / 2)
-        rows.append(Comparison("mean force, last quarter", f"at most {force:g} N", values, rule, why("force"), "N"))
-    if (torque := reported.torque_nm) is not None:
-        values = [figure.torque_nm for figure in figures]
-        rule = at_most(torque, beats_at=torque / 2)
+
+def _half(value: float) -> Rule:
+    return at_most(value, beats_at=value / 2)
+
+
+def _fewer(value: float) -> Rule:
+    return at_most(value, beats_at=value - 1)
+
+
+def _near(value: float) -> Rule:
+    return near(value, RETURN_TOLERANCE * abs(value), better="higher")
+
+
+def _longer(value: float) -> Rule:
+    return at_least(value, beats_at=2 * value)
+
+
+_ROWS = (
+    _Row("steady_from", "steady", "steady from episode", "about {:g}", _half, "steady"),
+    _Row("episode_return", "episode_return", "return, last quarter", "{:g}", _near, "return"),
+    _Row("force_n", "force_n", "mean force, last quarter", "{:g} N", _half, "force", "N"),
+    _Row("force_end_n", "force_end_n", f"mean force, last {END} episodes", "{:g} N", _half, "force", "N"),
+    _Row("torque_nm", "torque_nm", "mean torque, last quarter", "{:g} N m", _half, "torque", "N m"),
+    _Row("collisions_after", "collisions_after", "collisions after it was steady", "{:g}", _fewer, "failures"),
+    _Row("collisions", "collisions", "collisions in all", "{:g}", _fewer, "failures"),
+    _Row("longest", "longest", "longest series of insertions", "more than {:g}", _longer, "failures"),
+)
+
+
+def compare(reported: Reported, figures: Sequence[Figures]) -> list[Comparison]:
+    """Return the comparisons of one experiment, those that the thesis has a number for."""
+    rows = []
+    for row in _ROWS:
+        said: Said | None = getattr(reported, row.reported)
+        if said is None:
+            continue
+        values = [float(getattr(figure, row.figure)) for figure in figures]
+        never = values.count(NEVER)
+        notes = [f"Never steady in {never} of {len(values)} seeds."] if never else []
+        why = reported.why.get(row.why, WHY)
+        rule: Rule = row.rule(said.value)
+        if reported.apart:
+            notes.append(reported.apart)
+            rule = _apart
         rows.append(
-            Comparison("mean torque, last quarter", f"about {torque:g} N m", values, rule, why("torque"), "N m")
+            Comparison(row.what, row.form.format(said.value), values, rule, why, row.unit, note=" ".join(notes))
         )
-    rows += _failures(reported, figures, why("failures"))
     # The page's summary shows the rows of all experiments under each other.
     return [replace(row, what=f"{reported.name}: {row.what}") for row in rows]
 
 
-def _failures(reported: Reported, figures: Sequence[Figures], why: str) -> list[Comparison]:
-    rows: list[Comparison] = []
-    if (success := reported.success) is not None:
-        values = [100 * figure.success for figure in figures]
-        rule = at_least(100 * success)
-        aim = f"no number; aim {100 * success:g} %"
-        rows.append(Comparison("success, last quarter", aim, values, rule, why, "%"))
-    if (after := reported.collisions_after) is not None:
-        values = [figure.collisions_after for figure in figures]
-        rule = at_most(after, beats_at=after - 1)
-        rows.append(Comparison("collisions after that", f"{after}", values, rule, why))
-    if (collisions := reported.collisions) is not None:
-        values = [figure.collisions for figure in figures]
-        rule = at_most(collisions, beats_at=collisions - 1)
-        rows.append(Comparison("collisions in all", f"{collisions}", values, rule, why))
-    if (longest := reported.longest) is not None:
-        values = [figure.longest for figure in figures]
-        rule = at_least(longest, beats_at=2 * longest)
-        rows.append(Comparison("longest series of insertions", f"{longest}", values, rule, why))
-    return rows
+def aims(reported: Sequence[Reported], figures: Sequence[Sequence[Figures]]) -> Table:
+    """Return what we ask of our own runs, where the thesis gives no number; no part of the comparison with it."""
+    rows = []
+    for one, its_figures in zip(reported, figures, strict=True):
+        if one.success_aim is None:
+            continue
+        values = [100 * figure.success for figure in its_figures]
+        met = "met" if interval(values).median >= 100 * one.success_aim else "missed"
+        rows.append((one.name, f"at least {100 * one.success_aim:g} %", f"{spread(values)} %", met))
+    head = ("experiment", "success, last quarter: our aim", "Treenail", "")
+    return Table("", "Our own aims. The thesis has no number for these, so they say nothing about it.", head, rows)
+
+
+def _apart(_: Sequence[float]) -> Verdict:
+    return Verdict.APART
 
 
 def _mean(values: Sequence[float]) -> float:

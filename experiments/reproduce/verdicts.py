@@ -18,6 +18,8 @@ class Verdict(StrEnum):
     MATCHES = "matches"
     BEATS = "beats"
     DIFFERS = "differs"
+    APART = "apart"
+    """The two are not one task, so that neither number is better or worse."""
 
 
 Rule: TypeAlias = Callable[[Sequence[float]], Verdict]

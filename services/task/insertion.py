@@ -1,7 +1,7 @@
 """One insertion task as a state machine: F/T samples and actions in, motions, observations and rewards out.
 
-With no contact the peg is guided in +Z; in contact the agent decides (thesis 6.1). What the task knows is what the
-wrist feels and which increments were applied: never the pose of the peg.
+With no contact the peg is guided in +Z; in contact the agent decides (thesis 6.2.2, 6.5). What the task knows is what
+the wrist feels and which increments were applied: never the pose of the peg.
 """
 
 from __future__ import annotations

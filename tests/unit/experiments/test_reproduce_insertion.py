@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
+import re
+from pathlib import Path
+
 import pytest
 from msgspec.structs import replace
 
-from experiments.reproduce.insertion_compare import compare, figures_of
+from experiments.reproduce.insertion_compare import NEVER, aims, compare, figures_of
 from experiments.reproduce.insertion_exploration import Exploring, WatchedRun, explore
 from experiments.reproduce.insertion_runs import Gone, Run, insert
-from experiments.reproduce.insertion_thesis import REPORTED
+from experiments.reproduce.insertion_thesis import REPORTED, Said
 from experiments.reproduce.verdicts import Verdict
 from services.wire.definition import EpsilonGreedy, Greedy
 from services.wire.definition_file import definition_sha256, load, shipped
@@ -30,22 +35,86 @@ def test_figures_of_a_run() -> None:
     assert figures.force_n == 0.25
 
 
-def test_a_run_that_is_never_steady_counts_with_its_length() -> None:
+def test_never_steady_is_never_and_has_no_time_after_it() -> None:
     figures = figures_of(gone("ci" * 100))
-    assert figures.steady == 200
-    assert figures.collisions_after == 0
+    assert figures.steady == NEVER
+    assert figures.collisions == 100
+    assert figures.collisions_after == NEVER, "none is no credit to a run that never was steady"
+
+
+def test_the_end_of_a_run_is_its_last_hundred_episodes() -> None:
+    run = gone("i" * 400)
+    run.force_n[:] = [2.0] * 300 + [0.5] * 100
+    assert figures_of(run).force_end_n == 0.5
+
+
+def outcomes(name: str, *runs: Gone) -> dict[str, Verdict]:
+    (reported,) = (each for each in REPORTED if each.name == name)
+    rows = compare(reported, [figures_of(run) for run in runs])
+    return {row.what.removeprefix(f"{name}: "): row.outcome for row in rows}
 
 
 def test_verdicts() -> None:
-    (reported,) = (one for one in REPORTED if one.name == "chamfered-q-softmax")
-    good = {row.what: row.outcome for row in compare(reported, [figures_of(gone("c" * 7 + "i" * 393))], 400)}
-    assert good["chamfered-q-softmax: steady from episode"] is Verdict.BEATS
-    assert good["chamfered-q-softmax: return, last quarter"] is Verdict.MATCHES
-    assert good["chamfered-q-softmax: mean force, last quarter"] is Verdict.MATCHES
-    bad = compare(reported, [figures_of(gone("c" * 300 + "ici" * 50))], 450)
-    missed = ("steady from episode", "return, last quarter", "success, last quarter")
-    assert [row.outcome for row in bad if row.what.endswith(missed)] == [Verdict.DIFFERS] * 3
-    assert "Never steady in 1 of 1 seeds." in bad[0].note
+    good = outcomes("chamfered-q-softmax", gone("c" * 7 + "i" * 393))
+    assert good["steady from episode"] is Verdict.BEATS
+    assert good["return, last quarter"] is Verdict.MATCHES
+    assert good["mean force, last quarter"] is Verdict.MATCHES
+    assert set(outcomes("chamfered-q-softmax", gone("c" * 300 + "ici" * 50)).values()) >= {Verdict.DIFFERS}
+
+
+def test_a_run_that_never_was_steady_matches_nothing_that_came_after_it() -> None:
+    (reported,) = (each for each in REPORTED if each.name == "chamfered-q-softmax")
+    rows = compare(reported, [figures_of(gone("c" * 300 + "ici" * 50))])
+    steady, after = (row for row in rows if "steady" in row.what)
+    assert steady.ours_shown == after.ours_shown == "never"
+    assert steady.outcome is after.outcome is Verdict.DIFFERS
+    assert "Never steady in 1 of 1 seeds." in steady.note
+
+
+def test_sarsa_presses_harder_than_the_thesis_says() -> None:
+    assert outcomes("chamfered-sarsa-softmax", gone("i" * 400))["mean force, last quarter"] is Verdict.DIFFERS
+
+
+def test_another_task_is_neither_better_nor_worse() -> None:
+    assert set(outcomes("initial", gone("i" * 400, last_return=-1.0)).values()) == {Verdict.APART}
+
+
+def test_our_own_aims_are_no_part_of_the_comparison() -> None:
+    figures = [[figures_of(gone("i" * 400))] for _ in REPORTED]
+    table = aims(REPORTED, figures)
+    assert [row[0] for row in table.rows] == [each.name for each in REPORTED if each.success_aim is not None]
+    assert {row[-1] for row in table.rows} == {"met"}
+    assert not any("success" in row.what for each in REPORTED for row in compare(each, figures[0]))
+
+
+THESIS = "TREENAIL_THESIS"
+"""Names the file with the thesis's text, which is not ours to give away."""
+
+
+@pytest.mark.parametrize("name", [each.name for each in REPORTED if each.said])
+def test_every_number_of_the_thesis_stands_in_the_line_that_is_named(name: str) -> None:
+    (reported,) = (each for each in REPORTED if each.name == name)
+    path = os.environ.get(THESIS)
+    if not path:
+        pytest.skip(f"{THESIS} does not name the thesis's text")
+    lines = Path(path).read_text(encoding="utf-8").split("\n")
+    for said in reported.said:
+        line = lines[said.line - 1]
+        assert said.printed in line, f"line {said.line} does not say {said.printed!r}"
+        assert hashlib.sha256(line.encode()).hexdigest()[:16] == said.line_sha256, f"line {said.line} is another"
+
+
+@pytest.mark.parametrize("said", [said for each in REPORTED for said in each.said], ids=lambda said: said.printed)
+def test_a_number_is_the_one_that_its_words_say(said: Said) -> None:
+    """A torque is printed ten times as large, and a return without its sign once."""
+    printed = [abs(float(text)) for text in re.findall(r"\d+(?:\.\d+)?", said.printed)]
+    counted = {"seven": 7, "Only one": 1, "during episode": 1, "249, 435": 7}
+    printed += [float(number) for text, number in counted.items() if text in said.printed]
+    expected = abs(said.value)
+    middle = sum(printed[:2]) / 2
+    assert any(expected == pytest.approx(number) for value in printed for number in (value, value / 10)) or (
+        expected == pytest.approx(middle)
+    ), said
 
 
 def test_every_experiment_of_the_thesis_has_a_definition() -> None:
