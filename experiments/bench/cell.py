@@ -8,14 +8,13 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from typing import NamedTuple
 
 from experiments.bench.processes import mind
-from services.bus.access import GUEST
 from services.cell.client import Client
 from services.cell.local import LocalCell, temporary_cell
 from services.cell.plan import Plan, make_plan
 from services.wire.definition import Definition
 from services.wire.definition_file import load
 from services.wire.errors import CellError
-from services.wire.keys import EPISODE
+from services.wire.keys import EPISODE, GUEST
 from services.wire.messages import EpisodeSummary
 
 CELL = "bench"

@@ -24,6 +24,7 @@ from services.cell.plan import Plan
 from services.cell.watch import Watch
 from services.rules.results import RunResult
 from services.wire.errors import CellError
+from services.wire.keys import CLAIM, ROOT, wild
 from services.wire.randomness import MAX_SEED
 
 READY_WITHIN_S = 120.0
@@ -196,7 +197,7 @@ def _fleet(plan: Plan, count: int) -> Iterator[_Running]:
 def _wait_for_claims(running: _Running, count: int) -> None:
     """Return when so many processes have their roles. Raises CellError when they do not come to that."""
     session, deadline = running.cells[0].client.session, time.monotonic() + READY_WITHIN_S
-    while (claims := len(list(session.liveliness().get("treenail/*/claim/*/*", timeout=2.0)))) < count:
+    while (claims := len(list(session.liveliness().get(f"{ROOT}/*/{wild(CLAIM)}", timeout=2.0)))) < count:
         running.mind()
         if time.monotonic() > deadline:
             raise CellError(f"bench: expected {count} processes within {READY_WITHIN_S:g} s, got {claims}")

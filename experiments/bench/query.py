@@ -18,7 +18,7 @@ from services.cell.client import Client
 from services.cell.traffic import percentile
 from services.wire.codec import decode_payload
 from services.wire.errors import CellError, NoAnswerError
-from services.wire.keys import POLICY, TASK_STEPS
+from services.wire.keys import ALIVE, POLICY, TASK_STEPS, name_of
 from services.wire.messages import JournalEpisode, PolicyAnswer
 
 TARGET_P99_MS = 5.0
@@ -88,7 +88,7 @@ def _round(client: Client, seconds: float, per_s: float) -> Round:
     states = (f"{POLICY}?state={state}" for state in itertools.cycle(range(4)))
     return Round(
         _part(client, lambda: time.sleep(seconds)),
-        _asking(client, seconds, per_s, itertools.repeat("alive/store")),
+        _asking(client, seconds, per_s, itertools.repeat(name_of(ALIVE, service="store"))),
         _asking(client, seconds, per_s, states),
         _asking(client, seconds, per_s, _vectors(client)),
     )

@@ -19,6 +19,7 @@ from services.cell.ended import EndedRun, result_of
 from services.rules.results import Digests
 from services.wire.definition import Definition
 from services.wire.errors import TreenailError
+from services.wire.keys import ENTRY, name_of
 from services.wire.messages import JournalEpisode
 
 
@@ -130,7 +131,7 @@ def _run(
                 drive(cell, watch, todo, report.done, tell)
                 ended = EndedRun(cell.plan.run, settings.definition, report.seed, settings.episodes, 0)
                 result = result_of(client, ended, cell.check)
-                journal = client.ask_all(f"journal/{ended.run}/*/*", JournalEpisode, 30.0)
+                journal = client.ask_all(name_of(ENTRY, run=ended.run), JournalEpisode, 30.0)
         finally:
             report.surprises, report.tapped = cell.surprises, cell.tapped
     except TreenailError as error:

@@ -37,23 +37,36 @@ class Crossing(NamedTuple):
     answers: tuple[str, ...]
 
 
-_WORKER_ASKS = (names.EXPERIMENT, names.TASK_STEPS, "journal/**", "checkpoint/**")
-_ALIVE = "heartbeat/task"
+_WORKER_ASKS = (names.EXPERIMENT, names.TASK_STEPS, *names.STORED)
+_ALIVE = names.name_of(names.HEARTBEAT, service="task")
 CROSSINGS = {
     "agent": Crossing(
         (names.STATE, names.REWARD, _ALIVE),
-        (names.ACTION, "checkpoint/**", "heartbeat/agent"),
+        (
+            names.ACTION,
+            names.wild(names.CHECKPOINT),
+            names.wild(names.NEWEST_CHECKPOINT),
+            names.name_of(names.HEARTBEAT, service="agent"),
+        ),
         (*_WORKER_ASKS, names.CLASSIFY),
-        ("agent/*", "alive/agent"),
+        ("agent/*", names.name_of(names.ALIVE, service="agent")),
     ),
     "classifier": Crossing(
         (names.OBSERVATION, _ALIVE),
-        (names.STATE, "checkpoint/**", "heartbeat/classifier"),
+        (
+            names.STATE,
+            names.wild(names.CHECKPOINT),
+            names.wild(names.NEWEST_CHECKPOINT),
+            names.name_of(names.HEARTBEAT, service="classifier"),
+        ),
         _WORKER_ASKS,
-        ("classifier/*", "alive/classifier"),
+        ("classifier/*", names.name_of(names.ALIVE, service="classifier")),
     ),
     "sim": Crossing(
-        (), (names.FT, names.TRUTH, "heartbeat/sim"), (names.EXPERIMENT,), (names.MOVE, names.HOME, "alive/sim")
+        (),
+        (names.FT, names.TRUTH, names.name_of(names.HEARTBEAT, service="sim")),
+        (names.EXPERIMENT,),
+        (names.MOVE, names.HOME, names.name_of(names.ALIVE, service="sim")),
     ),
 }
 
@@ -154,7 +167,7 @@ def _answer(query: zenoh.Query, reply: zenoh.Reply) -> None:
 def connect(near: Side, far: Side, service: str) -> None:
     """Let the contract cross between the cell and the service on the far side."""
     crossing = CROSSINGS[service]
-    for name in ("claim/*/*", "alive/*"):
+    for name in (names.wild(names.CLAIM), names.wild(names.ALIVE)):
         near.pass_tokens(name, lambda other: other != service, far)
         far.pass_tokens(name, lambda other: other == service, near)
     for name in crossing.asks:

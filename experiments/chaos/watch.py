@@ -11,7 +11,7 @@ import zenoh
 from zenoh.handlers import Callback
 
 from services.cell.client import Client
-from services.wire.keys import ACTION, REWARD
+from services.wire.keys import ACTION, HEARTBEAT, REWARD, name_of
 from services.wire.messages import Action, Alive, Reward
 
 
@@ -28,7 +28,7 @@ class Watch:
         """Whether the task has said that the run is over."""
         client.subscribe(ACTION, Action, self._on_action)
         client.subscribe(REWARD, Reward, self._on_reward)
-        client.subscribe("heartbeat/task", Alive, self._on_task)
+        client.subscribe(name_of(HEARTBEAT, service="task"), Alive, self._on_task)
         callback: Callback[zenoh.Sample] = Callback(self._on_token, indirect=False)
         key = client.keys.alive("*")
         self._tokens = client.session.liveliness().declare_subscriber(key, callback, history=True)

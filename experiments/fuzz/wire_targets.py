@@ -20,9 +20,9 @@ from services.store.contents import check
 from services.store.values import Delete, key_range, zenoh_timestamp
 from services.wire import codec
 from services.wire.errors import BadPayloadError, ContractError, TreenailError
-from services.wire.keys import Keys
+from services.wire.keys import CONTRACT, Keys, name_of, named
 from services.wire.message_base import LARGEST_COMPONENT
-from services.wire.messages import MESSAGES, Checkpoint, JournalEpisode, Message, RunRecord, Skill
+from services.wire.messages import MESSAGES, Message, Skill
 
 _ENCODINGS = (
     "",
@@ -57,23 +57,9 @@ _WORDS = (
     "9" * 400,
     "\u0667",
 )
-_NAMES = (
-    f"journal/{RUN}/run",
-    f"journal/{RUN}/latest",
-    f"journal/{RUN}/000000/00000000",
-    f"checkpoint/{RUN}/agent/latest",
-    f"checkpoint/{RUN}/classifier/00000001",
-    "checkpoint/skill/latest",
-    f"checkpoint/skill/{'0f' * 32}",
-    "journal/other/run",
-    "checkpoint/x/y/z",
-)
-_FITTING: dict[str, type[Message]] = {
-    "run": RunRecord,
-    "journal": JournalEpisode,
-    "skill": Skill,
-    "checkpoint": Checkpoint,
-}
+_PARTS: dict[str, str | int] = {"run": RUN, "service": "agent", "episode": 0, "sha256": "0f" * 32, "instance": "0-0"}
+_NAMES = (*(name_of(pattern, **_PARTS) for pattern in CONTRACT), "journal/other/run", "checkpoint/x/y/z")
+"""Every key of the contract, and some that it does not have."""
 _TIMESTAMP = "66f00000000000aa/" + "0f" * 16
 
 
@@ -192,13 +178,16 @@ def _stored(run: SmallRun) -> Target:
         name = rng.choice(_NAMES)
         if rng.random() < 0.1:
             name = mutate_text(rng, name, _NAMES)
-        words = name.split("/")
-        fitting = [kind for word, kind in _FITTING.items() if word in {*words[:2], words[-1]}]
-        kind = fitting[0] if fitting and rng.random() < 0.8 else rng.choice(MESSAGES)
+        key = named(name)
+        fitting = () if key is None else CONTRACT[key.pattern].types
+        kind = fitting[-1] if fitting and rng.random() < 0.8 else rng.choice(MESSAGES)
         payload = mutate_payload(rng, run.trees[kind] if rng.random() < 0.9 else trees)
         return name, payload, codec.encoding_of(kind)
 
-    return Target("stored value", make, lambda given: check(*given), (ContractError,))
+    def read(given: Input) -> None:
+        check(*given)
+
+    return Target("stored value", make, read, (ContractError,))
 
 
 def _stored_key() -> Target:

@@ -11,7 +11,7 @@ from services.rules import skill as skills
 from services.rules.skill import NamedSkill
 from services.wire.codec import contract_sha256, decode
 from services.wire.errors import CellError, ContractError, GapError, NoAnswerError, RefusedError, WrongVersionError
-from services.wire.keys import JOURNAL_BLOCK, LATEST, SKILL, SWAPS
+from services.wire.keys import CHECKPOINT, ENTRY, JOURNAL_BLOCK, NEWEST_ENTRY, RUN, SKILL, SWAPS, name_of, wild
 from services.wire.messages import Checkpoint, JournalEpisode, Message, RunRecord, Swap, Swaps
 
 M = TypeVar("M", bound=Message)
@@ -75,7 +75,7 @@ class InCell:
     def without_runs(self) -> CellError:
         """Return what to say when no run is found in it: there may be no store."""
         if "store" not in self.client.alive():
-            return self.client.no_answer("journal/*/run")
+            return self.client.no_answer(wild(RUN))
         return CellError(f"{self.where}: expected a run in its store, got none so far")
 
 
@@ -88,7 +88,7 @@ class StoredRun:
 
     def record(self) -> RunRecord:
         """Return what the run is. Raises CellError when it was recorded under another contract."""
-        found = self._messages(f"journal/{self.name}/run", RunRecord)
+        found = self._messages(name_of(RUN, run=self.name), RunRecord)
         if len(found) != 1:
             raise NoAnswerError(f"{self.stored.where}: expected the record of run {self.name}, got none")
         ours, theirs = contract_sha256(), found[0].contract_sha256
@@ -100,7 +100,7 @@ class StoredRun:
         """Return the skill of a name; None for None. Raises NoAnswerError when the store does not have it."""
         if sha256 is None:
             return None
-        for value in self.stored.values(f"{SKILL}/{sha256}"):
+        for value in self.stored.values(name_of(SKILL, sha256=sha256)):
             try:
                 found = skills.decode(value.payload, value.encoding)
             except ContractError as error:
@@ -111,12 +111,12 @@ class StoredRun:
 
     def swaps(self) -> tuple[Swap, ...]:
         """Return all swaps of the run, those for episodes to come among them."""
-        found = self._messages(f"journal/{self.name}/{SWAPS}", Swaps)
+        found = self._messages(name_of(SWAPS, run=self.name), Swaps)
         return found[0].swaps if found else ()
 
     def newest(self) -> JournalEpisode | None:
         """Return the newest episode, as the store has it under ``latest``; None before the first."""
-        found = self._messages(f"journal/{self.name}/{LATEST}", JournalEpisode)
+        found = self._messages(name_of(NEWEST_ENTRY, run=self.name), JournalEpisode)
         return found[0] if found else None
 
     def length(self) -> int:
@@ -125,7 +125,7 @@ class StoredRun:
         while True:
             newest = self.newest()
             following = 0 if newest is None else newest.episode + 1
-            block = self.stored.values(f"journal/{self.name}/{following // JOURNAL_BLOCK:06d}/*")
+            block = self.stored.values(name_of(ENTRY, run=self.name, block=following // JOURNAL_BLOCK))
             numbers = [int(name) for value in block if (name := value.name.rpartition("/")[2]).isdigit()]
             length = max(following, *(number + 1 for number in numbers), 0)
             # The entry itself is put before "latest": a task that died in between left it there.
@@ -144,7 +144,7 @@ class StoredRun:
             raise GapError(f"run {self.name}: expected {end} episodes or more in the journal, got {length}")
         following = 0
         while following < end:
-            name = f"journal/{self.name}/{following // JOURNAL_BLOCK:06d}/*"
+            name = name_of(ENTRY, run=self.name, block=following // JOURNAL_BLOCK)
             entries = self._messages(name, JournalEpisode)[following % JOURNAL_BLOCK :]
             if not entries:
                 raise self._gap(following, f"none; there are {length}")
@@ -157,7 +157,7 @@ class StoredRun:
     def checkpoints(self) -> list[tuple[str, Checkpoint]]:
         """Return all checkpoints of its workers with their names in the store, oldest first, the newest twice."""
         found = []
-        for value in self.stored.values(f"checkpoint/{self.name}/*/*"):
+        for value in self.stored.values(name_of(CHECKPOINT, run=self.name)):
             found.append((value.name, self._message(value, Checkpoint)))
         return sorted(found, key=lambda one: (one[1].service, one[1].episode, one[0]))
 
@@ -177,7 +177,7 @@ class StoredRun:
 
 def runs(stored: Stored) -> list[StoredRun]:
     """Return the runs in a store, by name, whatever version of Treenail recorded them."""
-    return [StoredRun(stored, value.name.split("/")[1]) for value in stored.values("journal/*/run")]
+    return [StoredRun(stored, value.name.split("/")[1]) for value in stored.values(wild(RUN))]
 
 
 def chosen(places: Sequence[Stored], name: str | None) -> StoredRun:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 from services.store.database import Database
 from services.store.sqlite_file import StoreError
 from services.wire.errors import CellError
-from services.wire.keys import ROOT, Keys
+from services.wire.keys import ROOT, RUN, Keys, wild
 
 FILE = "store.sqlite"
 """Name of the store's file in the folder of a run."""
@@ -43,7 +43,7 @@ class StoreFile:
     def cells(self) -> list[str]:
         """Return the cells that have a run in the file."""
         with _one_line(self.path):
-            keys = self._database.keys(f"{ROOT}/*/journal/*/run")
+            keys = self._database.keys(f"{ROOT}/*/{wild(RUN)}")
         return sorted({key.key.split("/")[1] for key in keys})
 
     def values(self, cell: str, expression: str) -> list[Value]:

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 
 from experiments.lab.skills import skill_after
 from services.cell.client import Client
-from services.cell.stored import WITHIN_S, WORKERS, StoredRun, checkpoints, samples, skill_named
+from services.cell.stored import WITHIN_S, StoredRun, checkpoints, samples, skill_named
 from services.rules.skill import NamedSkill
 from services.wire.codec import contract_sha256
 from services.wire.errors import CellError
-from services.wire.keys import JOURNAL_BLOCK, SWAPS
+from services.wire.keys import ENTRY, JOURNAL_BLOCK, SWAPS, WORKERS, name_of
 from services.wire.messages import Checkpoint, JournalEpisode, Swaps
 
 
@@ -34,7 +34,7 @@ def learnt(client: Client, run: StoredRun, episode: int | None = None) -> NamedS
     first = min((starts[service].episode if service in starts else 0 for service in WORKERS), default=0)
     journal = list(_episodes(client, record.run, first, until))
     # After the episodes, so that none has a swap that is not among them.
-    found = [client.message(sample, Swaps).swaps for sample in samples(client, f"journal/{record.run}/{SWAPS}")]
+    found = [client.message(sample, Swaps).swaps for sample in samples(client, name_of(SWAPS, run=record.run))]
     swaps = found[0] if found else ()
 
     return skill_after(record, until, starts, journal, began_with, swaps)
@@ -42,6 +42,6 @@ def learnt(client: Client, run: StoredRun, episode: int | None = None) -> NamedS
 
 def _episodes(client: Client, run: str, first: int, until: int) -> Iterator[JournalEpisode]:
     for block in range(first // JOURNAL_BLOCK, -(-until // JOURNAL_BLOCK)):
-        for entry in client.ask_all(f"journal/{run}/{block:06d}/*", JournalEpisode, WITHIN_S):
+        for entry in client.ask_all(name_of(ENTRY, run=run, block=block), JournalEpisode, WITHIN_S):
             if first <= entry.episode < until:
                 yield entry

@@ -5,94 +5,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
-from typing import NamedTuple
 
-from services.wire.keys import (
-    ACTION,
-    CLASSIFIER_STATES,
-    CLASSIFY,
-    EPISODE,
-    EXPERIMENT,
-    FT,
-    HOME,
-    MOVE,
-    OBSERVATION,
-    POLICY,
-    Q_TABLE,
-    REWARD,
-    ROOT,
-    SKILL,
-    STATE,
-    SWAP,
-    SWAPS,
-    TASK_STEPS,
-    TRUTH,
-)
+from services.wire.keys import CLIENTS, CONTRACT, READERS, ROOT, STORED, Access, people, wild
 
 ROUTER = "router"
-SERVICES = ("sim", "sensor_jr3", "robot_link", "task", "classifier", "agent", "store", "viewer")
-OPERATOR, GUEST = "operator", "guest"
-CLIENTS = (*SERVICES, OPERATOR, GUEST)
 NAMES = (ROUTER, *CLIENTS)
 """All names that a certificate may have."""
-
-READERS = ("viewer", OPERATOR, GUEST)
-WORKERS = ("classifier", "agent")
-ROBOTS = ("sim", "robot_link")
-
-
-class Access(NamedTuple):
-    """Who may do what with a key."""
-
-    put: tuple[str, ...] = ()
-    delete: tuple[str, ...] = ()
-    hear: tuple[str, ...] = ()
-    """Subscribe, and get what is put."""
-    ask: tuple[str, ...] = ()
-    answer: tuple[str, ...] = ()
-    be: tuple[str, ...] = ()
-    """Hold a liveliness token."""
-    watch: tuple[str, ...] = ()
-    """See the liveliness tokens of others."""
-
-
-ACCESS: dict[str, Access] = {
-    FT: Access(put=("sim", "sensor_jr3"), hear=("task", "robot_link", *READERS)),
-    OBSERVATION: Access(put=("task",), hear=("classifier", *READERS)),
-    STATE: Access(put=("classifier",), hear=("agent", *READERS)),
-    ACTION: Access(put=("agent",), hear=("task", *READERS)),
-    REWARD: Access(put=("task",), hear=("agent", *READERS)),
-    EPISODE: Access(put=("task",), hear=CLIENTS),
-    TRUTH: Access(put=("sim",), hear=READERS),
-    MOVE: Access(ask=("task",), answer=ROBOTS),
-    HOME: Access(ask=("task",), answer=ROBOTS),
-    EXPERIMENT: Access(ask=CLIENTS, answer=("task",)),
-    SWAP: Access(ask=(OPERATOR,), answer=("task",)),
-    TASK_STEPS: Access(ask=WORKERS, answer=("task",)),
-    Q_TABLE: Access(ask=CLIENTS, answer=("agent",)),
-    POLICY: Access(ask=CLIENTS, answer=("agent",)),
-    CLASSIFIER_STATES: Access(ask=CLIENTS, answer=("classifier",)),
-    CLASSIFY: Access(ask=CLIENTS, answer=("classifier",)),
-    "journal/**": Access(hear=("store", *READERS), ask=("task", *WORKERS, *READERS), answer=("store",)),
-    "journal/<run>/run": Access(put=("task",)),
-    "journal/<run>/<block>/<episode>": Access(put=("task",)),
-    f"journal/<run>/{SWAPS}": Access(put=("task",)),
-    "journal/<run>/latest": Access(put=("task",)),
-    "checkpoint/**": Access(hear=("store", *READERS), ask=READERS, answer=("store",)),
-    "checkpoint/<run>/<service>/<episode>": Access(put=WORKERS, ask=WORKERS),
-    "checkpoint/<run>/<service>/latest": Access(put=WORKERS, ask=WORKERS),
-    f"{SKILL}/<sha256>": Access(put=("task", OPERATOR), delete=(OPERATOR,), ask=("task", *WORKERS)),
-    f"{SKILL}/latest": Access(put=("task", OPERATOR), delete=(OPERATOR,), hear=("task",), ask=("task", *WORKERS)),
-    "alive/<service>": Access(ask=CLIENTS, answer=SERVICES, be=SERVICES, watch=CLIENTS),
-    "claim/<service>/<instance>": Access(be=SERVICES, watch=CLIENTS),
-    "heartbeat/<service>": Access(put=SERVICES, hear=CLIENTS),
-}
-"""By key of the contract. Under a key with ``<service>`` in it, a service speaks with its own name there only.
-
-The two keys that end in ``**`` are what the store serves, and what may be asked for with one question.
-"""
+ACCESS: dict[str, Access] = {**{key: row.access for key, row in CONTRACT.items()}, **STORED}
+"""By key of the contract, and what may be asked for with one question."""
 
 _IN, _OUT = "ingress", "egress"
 _OWN: dict[str, tuple[tuple[str, str], ...]] = {
@@ -138,8 +59,8 @@ def _grants(name: str) -> Iterator[tuple[str, str, str]]:
     if name in READERS:
         yield _IN, "declare_subscriber", f"{ROOT}/**"  # to all at once; what comes is still what they may hear
     for key, access in ACCESS.items():
-        own = f"{ROOT}/*/{_wild(key.replace('<service>', name))}"
-        whole = f"{ROOT}/*/{_wild(key)}"
+        own = f"{ROOT}/*/{wild(key.replace('<service>', name))}"
+        whole = f"{ROOT}/*/{wild(key)}"
         for verb in (verb for verb, names in access._asdict().items() if name in names):
             for flow, message in _OWN.get(verb, ()):
                 yield flow, message, own
@@ -147,25 +68,12 @@ def _grants(name: str) -> Iterator[tuple[str, str, str]]:
                 yield flow, message, whole
 
 
-def _wild(key: str) -> str:
-    """Return a key of the contract as a key expression."""
-    return re.sub(r"<\w+>", "*", key)
-
-
 def table() -> str:
     """Return ACCESS as a table in Markdown."""
     lines = ["| key | " + " | ".join(Access._fields) + " |", "|---" * (1 + len(Access._fields)) + "|"]
     for key, access in ACCESS.items():
-        lines.append(f"| `{key}` | " + " | ".join(_words(names) for names in access) + " |")
+        lines.append(f"| `{key}` | " + " | ".join(people(names) for names in access) + " |")
     return "\n".join(lines) + "\n"
-
-
-def _words(names: tuple[str, ...]) -> str:
-    """Return some names, with a word for the groups that occur often."""
-    for group, word in ((CLIENTS, "everyone"), (SERVICES, "each service"), (READERS, "readers")):
-        if set(group) <= set(names):
-            return ", ".join([*(name for name in names if name not in group), word])
-    return ", ".join(names)
 
 
 if __name__ == "__main__":

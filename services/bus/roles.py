@@ -15,7 +15,7 @@ from zenoh.handlers import Callback
 
 from services.bus.session import LEASE_MS
 from services.wire.errors import RoleTakenError, StrangerError
-from services.wire.keys import Keys
+from services.wire.keys import CLAIM, Keys, name_of, wild
 
 SampleHandler: TypeAlias = "Callback[zenoh.Sample]"
 
@@ -41,7 +41,7 @@ class Roles:
     def follow(self, post: Callable[[zenoh.Sample], None]) -> None:
         """Have ``note`` called, by way of ``post``, with what anybody in the cell claims, now and later."""
         callback: SampleHandler = Callback(post, indirect=False)
-        key = self.keys.of("claim/*/*")
+        key = self.keys.of(wild(CLAIM))
         self._declared.append(self._session.liveliness().declare_subscriber(key, callback, history=True))
 
     def attempt(self, settle_s: float = 0.0) -> RoleTakenError | None:
@@ -52,7 +52,9 @@ class Roles:
         if others := self._others():
             return self._taken(others)
         self.instance = f"{time.time_ns():020d}-{self._session.zid()}"
-        token = self._session.liveliness().declare_token(self.keys.of(f"claim/{self._name}/{self.instance}"))
+        token = self._session.liveliness().declare_token(
+            self.keys.of(name_of(CLAIM, service=self._name, instance=self.instance))
+        )
         # Of two that came at once, the earlier one stays.
         earlier = self._earlier()
         if settle_s > 0.0 and not earlier:
@@ -87,7 +89,7 @@ class Roles:
         return [other for other in self._others() if other < self.instance]
 
     def _others(self) -> list[str]:
-        replies = self._session.liveliness().get(self.keys.of(f"claim/{self._name}/*"), timeout=1.0)
+        replies = self._session.liveliness().get(self.keys.of(name_of(CLAIM, service=self._name)), timeout=1.0)
         found = (str(reply.ok.key_expr).rpartition("/")[2] for reply in replies if reply.ok is not None)
         return [instance for instance in found if instance != self.instance]
 

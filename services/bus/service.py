@@ -31,7 +31,7 @@ from services.bus.roles import Roles, take_role
 from services.bus.session import DEFAULT_ENDPOINT, open_client
 from services.wire.codec import contract_sha256, decode, encode, encoding_of
 from services.wire.errors import BadPayloadError, CellError, RoleTakenError, TreenailError
-from services.wire.keys import Keys
+from services.wire.keys import ALIVE, Keys, name_of
 from services.wire.messages import Alive, Message
 from services.wire.text import one_line
 from services.wire.version import version
@@ -129,7 +129,7 @@ class Service(Asking, Publishing):
         self.keys = self._roles.keys
         self._roles.follow(lambda sample: self.post(self._note_claim, sample))
         self._heartbeat = self.session.declare_publisher(self.keys.heartbeat(self.name), encoding=encoding_of(Alive))
-        self.answer(f"alive/{self.name}", lambda _: self.status())
+        self.answer(name_of(ALIVE, service=self.name), lambda _: self.status())
         self.inbox.on_beat(self._on_beat)
 
     def claim_all(self) -> list[Service]:

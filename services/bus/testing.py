@@ -26,6 +26,7 @@ from services.bus.answers import answer_in
 from services.bus.inbox import Event, Inbox
 from services.bus.service import Options, Service
 from services.wire.codec import decode, encode, encoding_of
+from services.wire.keys import CLAIM, STORED, name_of
 from services.wire.messages import Message, Refusal
 
 M = TypeVar("M", bound=Message)
@@ -178,7 +179,7 @@ class FakeBus:
         """Return what a question gets: from the store, from a test's answers, or from a service on this bus."""
         self.asked.append(query)
         name = str(query.key_expr).split("/", 2)[2]
-        if name.startswith(("journal/", "checkpoint/")):
+        if any(name.startswith(stored.removesuffix("**")) for stored in STORED):
             found = [FakeReply(sample) for sample in self.stored.values() if query.key_expr.intersects(sample.key_expr)]
             return found if self.store_answers else []
         answer = self.answers.get(name)
@@ -356,7 +357,7 @@ class FakeService(Service):
 
     def hold(self, role: str, session: str) -> None:
         """Let another session hold a role in this cell from now on."""
-        self.bus.token(self.keys.of(f"claim/{role}/{1:020d}-{session}"), here=True)
+        self.bus.token(self.keys.of(name_of(CLAIM, service=role, instance=f"{1:020d}-{session}")), here=True)
 
     def hear(self, name: str, message: Message, sender: str = STRANGER) -> None:
         """Let a message of another session come in."""

@@ -15,7 +15,17 @@ from services.rules.skill import decode
 from services.rules.timeline import Timeline
 from services.wire import codec
 from services.wire.errors import ContractError, DivergedError, FoldError, ForeignRunError, GapError, NoAnswerError
-from services.wire.keys import EXPERIMENT, JOURNAL_BLOCK, SKILL, TASK_STEPS
+from services.wire.keys import (
+    ENTRY,
+    EXPERIMENT,
+    HEAD,
+    HEARTBEAT,
+    JOURNAL_BLOCK,
+    NEWEST_CHECKPOINT,
+    SKILL,
+    TASK_STEPS,
+    name_of,
+)
 from services.wire.messages import Alive, Checkpoint, Experiment, JournalEpisode, Skill
 from services.wire.text import one_line
 
@@ -87,7 +97,7 @@ class Worker(Generic[F]):
         To be called when everything is subscribed to: what came between loading and subscribing is fetched first.
         """
         # A task that took up a run that is over already has nothing more to tell in it.
-        self.service.subscribe("heartbeat/task", Alive, self._on_task, "task")
+        self.service.subscribe(name_of(HEARTBEAT, service="task"), Alive, self._on_task, "task")
         self._settle()
         self.service.ready()
         while not self.service.stopping:
@@ -144,7 +154,7 @@ class Worker(Generic[F]):
         """
         service, run = self.service, self.experiment.run
         # Both at once: a store that is just gone must not pass for one that has no episode yet.
-        samples = {str(sample.key_expr): sample for sample in service.fetch_samples(f"journal/{run}/*")}
+        samples = {str(sample.key_expr): sample for sample in service.fetch_samples(name_of(HEAD, run=run))}
         if service.keys.run_record(run) not in samples:
             raise NoAnswerError("no memory of this run")
         latest = samples.get(service.keys.journal_latest(run))
@@ -163,7 +173,7 @@ class Worker(Generic[F]):
         sha256 = self.experiment.skill_sha256
         if sha256 is None:
             return
-        samples = self.service.fetch_samples(f"{SKILL}/{sha256}", 10.0)
+        samples = self.service.fetch_samples(name_of(SKILL, sha256=sha256), 10.0)
         if not samples:
             raise NoAnswerError(f"expected skill {sha256[:12]} in the store, got none")
         found = decode(samples[0].payload.to_bytes(), str(samples[0].encoding))
@@ -177,7 +187,7 @@ class Worker(Generic[F]):
     def _restore(self, fold: F) -> int:
         """Restore the newest checkpoint and return the episode that it stands before; 0 when there is none."""
         service, run = self.service, self.experiment.run
-        found = service.fetch_all(f"checkpoint/{run}/{service.name}/latest", Checkpoint)
+        found = service.fetch_all(name_of(NEWEST_CHECKPOINT, run=run, service=service.name), Checkpoint)
         if not found:
             self._checkpointed = 0
             return 0
@@ -193,7 +203,8 @@ class Worker(Generic[F]):
 
     def _replay_journal(self, fold: F, block: int) -> None:
         """Fold all that the journal has from a block on."""
-        while entries := self.service.fetch_all(f"journal/{self.experiment.run}/{block:06d}/*", JournalEpisode, 10.0):
+        run = self.experiment.run
+        while entries := self.service.fetch_all(name_of(ENTRY, run=run, block=block), JournalEpisode, 10.0):
             for entry in entries:
                 fold.replay(entry)
             block += 1

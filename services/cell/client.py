@@ -17,14 +17,11 @@ from services.bus.service import Options
 from services.bus.session import come_after, open_client
 from services.wire.codec import decode, decode_json, encode, encoding_of
 from services.wire.errors import ContractError, NoAnswerError, RefusedError, WrongVersionError
-from services.wire.keys import ROOT, Keys
+from services.wire.keys import ALIVE, ROOT, STORED, Keys, wild
 from services.wire.messages import Message, Refusal
 from services.wire.text import one_line
 
 M = TypeVar("M", bound=Message)
-
-STORED = ("journal/", "checkpoint/")
-"""What begins so is answered by the store."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -117,7 +114,7 @@ class Client:
     def no_answer(self, name: str) -> NoAnswerError:
         """Return what to say when nobody answered a query: who is there instead."""
         here = self.alive()
-        if "store" in here and name.startswith(STORED):
+        if "store" in here and any(name.startswith(stored.removesuffix("**")) for stored in STORED):
             return NoAnswerError(f"{self.keys.of(name)}: the store has nothing there")
         if here:
             return NoAnswerError(f"{self.keys.of(name)}: nobody answered; alive in this cell: {', '.join(here)}")
@@ -131,7 +128,7 @@ class Client:
 
     def cells(self) -> list[str]:
         """Return the cells in which a service has said that it is alive."""
-        replies = self.session.liveliness().get(f"{ROOT}/*/alive/*", timeout=2.0)
+        replies = self.session.liveliness().get(f"{ROOT}/*/{wild(ALIVE)}", timeout=2.0)
         return sorted({str(reply.ok.key_expr).split("/")[1] for reply in replies if reply.ok is not None})
 
     def alive(self) -> list[str]:

@@ -10,7 +10,7 @@ from services.cell.client import Client
 from services.rules.results import RunResult, episodes_digest
 from services.wire.definition import Definition
 from services.wire.errors import CellError, ContractError
-from services.wire.keys import CLASSIFIER_STATES, Q_TABLE
+from services.wire.keys import CLASSIFIER_STATES, ENTRY, Q_TABLE, name_of
 from services.wire.messages import ClassifierStates, EpisodeSummary, JournalEpisode, QTable, Swap
 
 T = TypeVar("T")
@@ -60,7 +60,7 @@ def _once_settled(attempt: Callable[[], T], mind: Callable[[], None]) -> T:
 
 def _episodes(client: Client, run: str, count: int) -> tuple[EpisodeSummary, ...]:
     """Return the summaries of all episodes, checked to be complete."""
-    entries = client.ask_all(f"journal/{run}/*/*", JournalEpisode, timeout_s=30.0)
+    entries = client.ask_all(name_of(ENTRY, run=run), JournalEpisode, timeout_s=30.0)
     summaries = tuple(entry.summary for entry in entries if entry.summary is not None)
     if [summary.episode for summary in summaries] != list(range(count)):
         raise CellError(f"journal: expected episodes 0 to {count - 1} without a gap, got {len(summaries)} episodes")

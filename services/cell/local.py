@@ -11,7 +11,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
 
-from services.bus.access import OPERATOR
 from services.bus.service import Options
 from services.cell.certificates import certify
 from services.cell.client import Client
@@ -20,6 +19,7 @@ from services.cell.skill_transfer import give
 from services.cell.start import commands
 from services.cell.supervisor import Supervisor
 from services.wire.errors import CellError
+from services.wire.keys import OPERATOR
 
 ROUTER_WITHIN_S = 30.0
 STORE_WITHIN_S = 60.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from services.bus import ports
-from services.bus.access import OPERATOR, ROUTER
+from services.bus.access import ROUTER
 from services.bus.tls import identity
 from services.cell import hil
 from services.cell.hil import Hil
@@ -20,7 +20,7 @@ from services.rules.swaps import planned as planned_swaps
 from services.wire.definition import Definition
 from services.wire.definition_file import check_run, definition_sha256, find, load, run_id
 from services.wire.errors import CellError
-from services.wire.keys import Keys
+from services.wire.keys import OPERATOR, Keys
 
 LOOP = ("store", "task", "sim", "classifier", "agent")
 """The services of a cell in which a run can be made, beside the router."""

@@ -11,7 +11,7 @@ from services.cell.client import Client
 from services.rules.skill import NamedSkill
 from services.wire.codec import encode, encoding_of
 from services.wire.errors import CellError, ContractError, NoAnswerError, RefusedError
-from services.wire.keys import EXPERIMENT, LATEST, SKILL
+from services.wire.keys import CHOSEN_SKILL, EXPERIMENT, LATEST, SKILL, name_of
 from services.wire.messages import Experiment, Skill
 
 KEPT_WITHIN_S = 5.0
@@ -37,7 +37,7 @@ def give(
             if time.monotonic() > deadline:
                 here = ", ".join(client.alive()) or "nobody"
                 raise CellError(
-                    f"store: expected it to keep {SKILL}/{name[:12]} within {within_s:g} s, it did not; "
+                    f"store: expected it to keep {name_of(SKILL, sha256=name[:12])} within {within_s:g} s, it did not; "
                     f"alive in cell {client.keys.cell!r}: {here}"
                 )
             time.sleep(RETRY_S)
@@ -47,12 +47,12 @@ def forget(client: Client) -> bool:
     """Let the next run begin with nothing learnt; False when it would have anyway. Raises CellError."""
     deadline, had = time.monotonic() + KEPT_WITHIN_S, False
     while True:
-        samples, _ = client.replies(f"{SKILL}/{LATEST}", 5.0)
+        samples, _ = client.replies(CHOSEN_SKILL, 5.0)
         if not samples and "store" in client.alive():
             return had
         if time.monotonic() > deadline:
             got = "has the skill still" if samples else "does not answer"
-            raise CellError(f"store: expected it to forget {SKILL}/{LATEST} within {KEPT_WITHIN_S:g} s, it {got}")
+            raise CellError(f"store: expected it to forget {CHOSEN_SKILL} within {KEPT_WITHIN_S:g} s, it {got}")
         if samples:
             had = True
             client.session.delete(client.keys.skill(LATEST))
@@ -106,5 +106,5 @@ def _kept(client: Client, name: str, payload: bytes) -> bool:
         encoding=encoding_of(Skill),
         congestion_control=zenoh.CongestionControl.BLOCK,
     )
-    samples, _ = client.replies(f"{SKILL}/{name}", 5.0)
+    samples, _ = client.replies(name_of(SKILL, sha256=name), 5.0)
     return any(sample.payload.to_bytes() == payload for sample in samples)

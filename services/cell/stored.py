@@ -10,12 +10,11 @@ from services.cell.client import Client
 from services.rules import skill as skills_on_wire
 from services.rules.skill import NamedSkill
 from services.wire.errors import CellError, ContractError, NoAnswerError, RefusedError
-from services.wire.keys import EXPERIMENT, LATEST, SKILL
+from services.wire.keys import CHECKPOINT, EXPERIMENT, LATEST, NEWEST_ENTRY, RUN, SKILL, name_of, wild
 from services.wire.messages import Checkpoint, Experiment, JournalEpisode, RunRecord
 
 WITHIN_S = 30.0
 """How long the store has for an answer that may be large."""
-WORKERS = ("agent", "classifier")
 
 
 class StoredRun(NamedTuple):
@@ -60,9 +59,9 @@ def runs(client: Client) -> list[StoredRun]:
 
     Runs that another version of Treenail recorded are left out.
     """
-    newest = {_run_in(sample): sample for sample in samples(client, f"journal/*/{LATEST}")}
+    newest = {_run_in(sample): sample for sample in samples(client, wild(NEWEST_ENTRY))}
     found = []
-    for sample in samples(client, "journal/*/run"):
+    for sample in samples(client, wild(RUN)):
         try:
             record = client.message(sample, RunRecord)
             latest = newest.get(record.run)
@@ -99,7 +98,7 @@ def run_named(client: Client, name: str | None) -> StoredRun:
 def checkpoints(client: Client, run: str, service: str) -> list[StoredCheckpoint]:
     """Return the checkpoints of a run and service, oldest first."""
     found: dict[int, StoredCheckpoint] = {}
-    for sample in samples(client, f"checkpoint/{run}/{service}/*"):
+    for sample in samples(client, name_of(CHECKPOINT, run=run, service=service)):
         checkpoint = client.message(sample, Checkpoint)
         latest = str(sample.key_expr).endswith(f"/{LATEST}")
         known = found.get(checkpoint.episode)
@@ -112,7 +111,7 @@ def skills(client: Client) -> StoredSkills:
     """Return the skills in the store; those of another contract are left out."""
     found: dict[str, tuple[NamedSkill, int]] = {}
     chosen = None
-    for sample in samples(client, f"{SKILL}/*"):
+    for sample in samples(client, wild(SKILL)):
         payload = sample.payload.to_bytes()
         try:
             skill = skills_on_wire.decode(payload, str(sample.encoding))

@@ -9,7 +9,7 @@ import time
 
 from services.bus.service import Service
 from services.rules.progress import LINE_EVERY_S, Progress
-from services.wire.keys import EPISODE
+from services.wire.keys import EPISODE, HEARTBEAT, name_of
 from services.wire.messages import Alive, EpisodeSummary, Experiment
 
 
@@ -17,7 +17,9 @@ def follow(service: Service, experiment: Experiment) -> None:
     """Print a line every few seconds, as long as the service works."""
     lines = Lines(f"cell {service.keys.cell}  " if service.options.fleet else "", experiment)
     service.subscribe(EPISODE, EpisodeSummary, lambda summary: lines.episode(summary, time.monotonic()), "task")
-    service.subscribe("heartbeat/task", Alive, lambda alive: lines.heartbeat(alive, time.monotonic()), "task")
+    service.subscribe(
+        name_of(HEARTBEAT, service="task"), Alive, lambda alive: lines.heartbeat(alive, time.monotonic()), "task"
+    )
 
 
 class Lines:

@@ -2,44 +2,44 @@
 
 from __future__ import annotations
 
-import re
-
 from services.rules.skill import decode as decode_skill
 from services.wire.codec import decode
 from services.wire.errors import BadPayloadError
-from services.wire.keys import LATEST, SKILL, SWAPS
+from services.wire.keys import CHOSEN_SKILL, CONTRACT, LATEST, SKILL, STORED, Named, named
 from services.wire.messages import Checkpoint, JournalEpisode, RunRecord, Swaps
 from services.wire.text import one_line
 
-_CHECKPOINT = re.compile(r"checkpoint/([^/]+)/([^/]+)/([0-9]{8}|latest)")
-_EPISODE = re.compile(r"journal/([^/]+)/(?:[0-9]{6}/([0-9]{8})|latest)")
-_SKILL = re.compile(rf"{SKILL}/([^/]+)")
-_RUN = re.compile(r"journal/([^/]+)/run")
-_SWAPS = re.compile(rf"journal/([^/]+)/{SWAPS}")
+
+def kept(name: str) -> Named | None:
+    """Return which of the contract's keys that the store keeps a name is; None for any other."""
+    found = named(name)
+    kept = found is not None and any(found.pattern.startswith(prefix.removesuffix("**")) for prefix in STORED)
+    return found if kept else None
 
 
-def check(name: str, payload: bytes, encoding: str) -> None:
-    """Check a value against its key in the cell; names that are none of the contract's are free.
+def check(name: str, payload: bytes, encoding: str) -> Named:
+    """Check a value against its key in the cell, and return which key of the contract that is.
 
-    Raises ContractError: the wrong type, a payload that does not decode, or one that belongs to another key.
+    Raises ContractError: a key that the contract does not have, the wrong type, a payload that does not decode, or one
+    that belongs to another key.
     """
-    if found := _CHECKPOINT.fullmatch(name):
-        checkpoint = decode(Checkpoint, payload, encoding)
-        _same(name, found[1], checkpoint.run)
-        _same(name, found[2], checkpoint.service)
-        _same(name, found[3], f"{checkpoint.episode:08d}")
-    elif found := _EPISODE.fullmatch(name):
-        entry = decode(JournalEpisode, payload, encoding)
-        _same(name, found[1], entry.run)
-        _same(name, found[2] or "latest", f"{entry.episode:08d}")
-        if entry.summary is None:
-            raise BadPayloadError(f"{one_line(name)}: expected a finished episode, got one under way")
-    elif found := _RUN.fullmatch(name):
-        _same(name, found[1], decode(RunRecord, payload, encoding).run)
-    elif found := _SWAPS.fullmatch(name):
-        _same(name, found[1], decode(Swaps, payload, encoding).run)
-    elif found := _SKILL.fullmatch(name):
-        _same(name, found[1], decode_skill(payload, encoding).sha256)
+    key = kept(name)
+    if key is None:
+        raise BadPayloadError(f"{one_line(name)}: expected a key that the contract has the store keep, got another")
+    if key.pattern in (SKILL, CHOSEN_SKILL):
+        _same(name, key.parts.get("sha256", LATEST), decode_skill(payload, encoding).sha256)
+        return key
+    (kind,) = CONTRACT[key.pattern].types
+    message = decode(kind, payload, encoding)
+    assert isinstance(message, RunRecord | Swaps | JournalEpisode | Checkpoint)
+    _same(name, key.parts["run"], message.run)
+    if isinstance(message, Checkpoint):
+        _same(name, key.parts["service"], message.service)
+    if isinstance(message, JournalEpisode | Checkpoint):
+        _same(name, key.parts.get("episode", LATEST), f"{message.episode:08d}")
+    if isinstance(message, JournalEpisode) and message.summary is None:
+        raise BadPayloadError(f"{one_line(name)}: expected a finished episode, got one under way")
+    return key
 
 
 def _same(name: str, in_key: str, in_payload: str) -> None:

@@ -1,24 +1,16 @@
 """Which keys the store may forget, so that it stays bounded and a run can still be resumed from what is left.
 
 A checkpoint numbered E holds a service's state after all episodes below E; to go on from it, the journal from E on is
-needed. Keys (others than these are never touched):
-
-    treenail/<cell>/checkpoint/<run>/<service>/<E, 8 digits>      and .../latest
-    treenail/<cell>/journal/<run>/<block, 6 digits>/<episode, 8 digits>
-    treenail/<cell>/journal/<run>/run                             and .../all-swaps, .../latest
+needed. Keys that are not
+of a run are never touched.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-_RUN_KEY = re.compile(
-    r"treenail/(?P<cell>[^/]+)/"
-    r"(?:checkpoint/(?P<run>[^/]+)/(?P<service>[^/]+)/(?:(?P<checkpoint>[0-9]{8})|latest)"
-    r"|journal/(?P<journal_run>[^/]+)/(?:[0-9]{6}/(?P<episode>[0-9]{8})|run|swaps|latest))"
-)
+from services.wire.keys import CHECKPOINT, ENTRY, ROOT, Named, named
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,16 +45,15 @@ def removable(stored: Iterable[tuple[str, str]], settings: RetentionSettings) ->
     """Return the keys to remove, sorted, out of pairs of key and timestamp (text that sorts as time does).
 
     Of each cell the runs whose newest key is oldest go entirely; of the other runs only surplus numbered checkpoints
-    (lowest numbers first) and surplus journal episodes (oldest first). ``run``, ``swaps`` and ``latest`` of a kept run
-    stay.
+    (lowest numbers first) and surplus journal episodes (oldest first). Record, swaps and ``latest`` of a kept run stay.
     """
     cells: dict[str, dict[str, _Run]] = {}
     for key, timestamp in stored:
-        found = _RUN_KEY.fullmatch(key)
-        if found:
-            runs = cells.setdefault(found["cell"], {})
-            run = runs.setdefault(found["run"] or found["journal_run"], _Run())
-            _note(run, key, timestamp, found)
+        cell, _, name = key.removeprefix(f"{ROOT}/").partition("/")
+        what = named(name)
+        if what is not None and "run" in what.parts:
+            run = cells.setdefault(cell, {}).setdefault(what.parts["run"], _Run())
+            _note(run, key, timestamp, what)
     surplus: list[str] = []
     for runs in cells.values():
         by_age = sorted(runs, key=lambda name: (runs[name].newest, name), reverse=True)
@@ -73,15 +64,15 @@ def removable(stored: Iterable[tuple[str, str]], settings: RetentionSettings) ->
     return sorted(surplus)
 
 
-def _note(run: _Run, key: str, timestamp: str, found: re.Match[str]) -> None:
+def _note(run: _Run, key: str, timestamp: str, what: Named) -> None:
     run.keys.append(key)
     run.newest = max(run.newest, timestamp)
-    if found["service"] is not None:
-        numbered = run.checkpoints.setdefault(found["service"], [])
-        if found["checkpoint"] is not None:
-            numbered.append((int(found["checkpoint"]), key))
-    elif found["episode"] is not None:
-        run.journal.append((int(found["episode"]), key))
+    if "service" in what.parts:
+        numbered = run.checkpoints.setdefault(what.parts["service"], [])
+        if what.pattern == CHECKPOINT and what.episode is not None:
+            numbered.append((what.episode, key))
+    elif what.pattern == ENTRY and what.episode is not None:
+        run.journal.append((what.episode, key))
 
 
 def _surplus(run: _Run, settings: RetentionSettings) -> list[str]:

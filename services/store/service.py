@@ -19,10 +19,10 @@ from services.store.sqlite_file import StoreError, StoreFullError
 from services.store.values import Delete, Put, StoredValue, timestamp_text, zenoh_timestamp
 from services.wire.codec import decode_any, encode, encode_json, encoding_of
 from services.wire.errors import BadPayloadError, CellError, TreenailError
+from services.wire.keys import STORED
 from services.wire.messages import Refusal
 from services.wire.text import one_line
 
-STORED = ("checkpoint/**", "journal/**")
 PRUNE_EVERY = 2000
 """Puts between looking for what may be forgotten."""
 BATCH = 200

@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeVar
 from services.bus.service import Service
 from services.wire.codec import decode
 from services.wire.errors import CellError, ContractError
-from services.wire.keys import LATEST
+from services.wire.keys import ENTRY, HEAD, NEWEST_ENTRY, RUN, name_of
 from services.wire.messages import JournalEpisode, Message, RunRecord, Swap, Swaps
 
 RETRY_S = 0.5
@@ -70,8 +70,8 @@ class Journal:
         newest = found.newest
         following = 0 if newest is None else newest.episode + 1
         # The entry itself is put before "latest": a task that died in between left it there.
-        key = service.keys.journal(run, following).removeprefix(service.keys.of(""))
-        return Found(read(service, key, JournalEpisode) or newest, found.swaps), True
+        entry = read(service, name_of(ENTRY, run=run, episode=following), JournalEpisode)
+        return Found(entry or newest, found.swaps), True
 
     def make_known(self) -> bool:
         """Make the store know the run, waiting for it as long as it takes; False when stopped meanwhile.
@@ -79,24 +79,24 @@ class Journal:
         Raises CellError when the store knows the run under another contract.
         """
         service, run = self._service, self._record.run
-        known = read(service, f"journal/{run}/run", RunRecord)
+        known = read(service, name_of(RUN, run=run), RunRecord)
         if known is not None and known.contract_sha256 != service.contract:
             ours, theirs = service.contract[:12], known.contract_sha256[:12]
             raise CellError(
                 f"store: run {run} was recorded with contract {theirs}, this is {ours}; "
                 "start with an empty store, or with the version that recorded it"
             )
-        return put_and_confirm(service, ((service.keys.run_record(run), self._record),), f"journal/{run}/run")
+        return put_and_confirm(service, ((service.keys.run_record(run), self._record),), name_of(RUN, run=run))
 
     def known(self) -> bool:
         """Return whether the store, at this moment, answers that it knows the run: it does unless it is gone."""
-        return read(self._service, f"journal/{self._record.run}/run", RunRecord) == self._record
+        return read(self._service, name_of(RUN, run=self._record.run), RunRecord) == self._record
 
     def append(self, entry: JournalEpisode) -> bool:
         """Store an episode and wait until it can be read back, as long as it takes; False when stopped meanwhile."""
         keys, run = self._service.keys, self._record.run
         puts = ((keys.journal(run, entry.episode), entry), (keys.journal_latest(run), entry))
-        return put_and_confirm(self._service, puts, f"journal/{run}/{LATEST}")
+        return put_and_confirm(self._service, puts, name_of(NEWEST_ENTRY, run=run))
 
     def _found(self) -> Found | None:
         """Return the newest episode and the swaps, or None while the store does not know the run.
@@ -104,7 +104,7 @@ class Journal:
         All is asked for at once: a store that is just gone must not pass for one that has no episode yet.
         """
         service, run = self._service, self._record.run
-        samples = {str(sample.key_expr): sample for sample in service.fetch_samples(f"journal/{run}/*")}
+        samples = {str(sample.key_expr): sample for sample in service.fetch_samples(name_of(HEAD, run=run))}
         if service.keys.run_record(run) not in samples:
             return None
         newest, swaps = samples.get(service.keys.journal_latest(run)), samples.get(service.keys.swaps(run))

@@ -9,7 +9,7 @@ from services.task.journal import Journal, put_and_confirm, read
 from services.task.swaps import Swaps
 from services.wire.definition import Definition
 from services.wire.definition_file import definition_sha256, run_id
-from services.wire.keys import SKILL
+from services.wire.keys import SKILL, name_of
 from services.wire.messages import Experiment, Home, JournalEpisode, Reward, RunRecord, Skill
 
 
@@ -97,7 +97,7 @@ class TaskRun:
         """See to it that the store has the skill under its name, where workers look for it; False when stopped."""
         if self.skill is None:
             return True
-        name = f"{SKILL}/{self.skill.sha256}"
+        name = name_of(SKILL, sha256=self.skill.sha256)
         if read(self._service, name, Skill) == self.skill.skill:
             return True
         puts = ((self._service.keys.skill(self.skill.sha256), self.skill.skill),)

@@ -16,10 +16,20 @@ from services.task.run import TaskRun
 from services.task.skills import Skills
 from services.wire.definition import Definition
 from services.wire.errors import DivergedError, ForeignRunError, GapError
-from services.wire.keys import ACTION, EPISODE, EXPERIMENT, OBSERVATION, REWARD, SWAP, TASK_STEPS
+from services.wire.keys import (
+    ACTION,
+    EPISODE,
+    EXPERIMENT,
+    HEARTBEAT,
+    OBSERVATION,
+    REWARD,
+    SWAP,
+    TASK_STEPS,
+    WORKERS,
+    name_of,
+)
 from services.wire.messages import Action, Alive, EpisodeSummary, Home, Move, Observation, Reward, Swapped, SwapRequest
 
-WORKERS = ("classifier", "agent")
 REPEAT_S = 1.0
 """An observation that nobody has acted on is published again after this; it is sooner when a worker comes alive."""
 
@@ -71,7 +81,7 @@ class TaskShell:
         self._action: Action | None = None
         service.subscribe(ACTION, Action, self._on_action, "agent")
         for name in WORKERS:
-            service.subscribe(f"heartbeat/{name}", Alive, partial(self._on_worker, name), name)
+            service.subscribe(name_of(HEARTBEAT, service=name), Alive, partial(self._on_worker, name), name)
 
     def resume(self) -> bool:
         """Find out which run it is and where it stands, and say so; False when stopped meanwhile.

@@ -18,7 +18,7 @@ from services.task.journal import RETRY_S, Journal
 from services.wire.codec import decode
 from services.wire.definition import Definition
 from services.wire.errors import ContractError
-from services.wire.keys import LATEST, SKILL
+from services.wire.keys import CHOSEN_SKILL, RUN, SKILL, name_of, wild
 from services.wire.messages import RunRecord
 
 
@@ -49,7 +49,7 @@ class Skills:
         self._last = _NOTHING
         self.noticed = False
         """Whether a change was announced since the store was asked; a reason to ask soon, no more."""
-        service.subscribe_raw(f"{SKILL}/{LATEST}", self._on_change)
+        service.subscribe_raw(CHOSEN_SKILL, self._on_change)
 
     def at_start(self, blank: RunRecord) -> Chosen | None:
         """Wait for the store and return what to begin with; None only when stopped.
@@ -89,7 +89,7 @@ class Skills:
         return Chosen(None) if surely else None
 
     def _look(self) -> _Look:
-        samples = self._service.fetch_samples(f"{SKILL}/{LATEST}")
+        samples = self._service.fetch_samples(CHOSEN_SKILL)
         if not samples:
             self._last = _NOTHING
             return _NOTHING
@@ -112,7 +112,7 @@ class Skills:
     def _as_before(self, blank: RunRecord) -> Chosen | None:
         """Return what the run that was worked on last began with; None when the store does not say."""
         records: list[tuple[int, RunRecord]] = []
-        for sample in self._service.fetch_samples("journal/*/run", 10.0):
+        for sample in self._service.fetch_samples(wild(RUN), 10.0):
             try:
                 record = decode(RunRecord, sample.payload.to_bytes(), str(sample.encoding))
             except ContractError:
@@ -127,7 +127,7 @@ class Skills:
         sha256 = None if newest is None else newest[1].skill_sha256
         if sha256 is None:
             return Chosen(None)
-        stored = self._service.fetch_samples(f"{SKILL}/{sha256}", 10.0)
+        stored = self._service.fetch_samples(name_of(SKILL, sha256=sha256), 10.0)
         found = self._usable(stored[0].payload.to_bytes(), str(stored[0].encoding)) if stored else None
         return None if found is None else Chosen(found)
 

@@ -12,7 +12,7 @@ from services.rules.swaps import check_episode, made, words
 from services.task.journal import RETRY_S, read
 from services.wire import messages
 from services.wire.errors import CellError, SwapError
-from services.wire.keys import SWAPS
+from services.wire.keys import SWAPS, name_of
 from services.wire.messages import RunRecord, Swap, Swapped, SwapRequest
 
 
@@ -129,4 +129,4 @@ class Swaps:
 
     @property
     def _name(self) -> str:
-        return f"journal/{self._record.run}/{SWAPS}"
+        return name_of(SWAPS, run=self._record.run)

@@ -10,7 +10,8 @@ from __future__ import annotations
 import hashlib
 import re
 from functools import cache
-from typing import Any, TypeVar
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import msgpack
 import msgspec
@@ -94,9 +95,54 @@ def decode_any(payload: bytes, encoding: str) -> Message:
 
 
 def contract_schema() -> dict[str, object]:
-    """Return the JSON Schema of all messages with their versions: the text that the contract hash stands for."""
-    _, components = msgspec.json.schema_components(MESSAGES, ref_template="#/{name}")
-    return {"versions": {kind.__name__: kind.VERSION for kind in MESSAGES}, "types": components}
+    """Return names, types, ranges and versions of all messages: what the contract hash stands for.
+
+    It has no word of prose in it, so that it is the same in every interpreter, with docstrings or without.
+    """
+    types: dict[str, object] = {}
+    waiting: list[type[msgspec.Struct]] = [*MESSAGES]
+    while waiting:
+        kind = waiting.pop()
+        if kind.__name__ in types:
+            continue
+        fields: dict[str, object] = {}
+        hints = get_type_hints(kind, include_extras=True)
+        for field in msgspec.structs.fields(kind):
+            fields[field.name] = [_shape(hints[field.name], waiting), field.required, _default(field)]
+        types[kind.__name__] = {"kind": kind.__struct_config__.tag, "fields": fields}
+    return {"versions": {kind.__name__: kind.VERSION for kind in MESSAGES}, "types": types}
+
+
+_RANGES = ("ge", "gt", "le", "lt", "pattern", "min_length", "max_length")
+
+
+def _shape(hint: object, waiting: list[type[msgspec.Struct]]) -> object:
+    """Return a type and its range in plain words; the structs in it are put into ``waiting``."""
+    origin, arguments = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        inner, *extras = arguments
+        limits = {
+            name: value for meta in extras for name in _RANGES if (value := getattr(meta, name, None)) is not None
+        }
+        return [_shape(inner, waiting), limits]
+    if origin is Literal:
+        return ["literal", *arguments]
+    if origin in (Union, UnionType):
+        return ["union", *sorted((_shape(part, waiting) for part in arguments), key=repr)]
+    if origin is not None:
+        return [origin.__name__, *("..." if part is ... else _shape(part, waiting) for part in arguments)]
+    if isinstance(hint, type):
+        if issubclass(hint, msgspec.Struct):
+            waiting.append(hint)
+        return hint.__name__
+    raise TypeError(f"contract: expected a type that has a name, got {hint!r}")
+
+
+def _default(field: msgspec.structs.FieldInfo) -> object:
+    """Return what a field is when it is not given."""
+    if field.default_factory is not msgspec.NODEFAULT:
+        return field.default_factory()
+    return None if field.default is msgspec.NODEFAULT else msgspec.to_builtins(field.default)
 
 
 def contract_sha256() -> str:

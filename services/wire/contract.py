@@ -30,8 +30,9 @@ def _lines() -> Iterator[str]:
     yield ""
     yield "| key | kind | from, to | type | what |"
     yield "|---|---|---|---|---|"
-    for key, how, route, types, what in CONTRACT:
-        yield f"| `{key}` | {how} | {route} | {types} | {what} |"
+    for key, row in CONTRACT.items():
+        types = " -> ".join(kind.__name__ for kind in row.types) or "-"
+        yield f"| `{key}` | {row.kind} | {row.route} | {types} | {row.what} |"
     yield ""
     yield "## Types"
     kinds: tuple[type[Message] | type[JournalStep] | type[Swap], ...] = (*MESSAGES, JournalStep, Swap)

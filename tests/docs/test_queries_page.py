@@ -60,7 +60,7 @@ def session(endpoint: str, wait_until: Any) -> Iterator[zenoh.Session]:
 
 
 def test_every_key_that_can_be_asked_is_on_the_page() -> None:
-    asked = [re.compile(re.sub(r"<[a-z0-9]+>", "[^/?]+", key)) for key, how, *_ in CONTRACT if "query" in how]
+    asked = [re.compile(re.sub(r"<[a-z0-9]+>", "[^/?]+", key)) for key, row in CONTRACT.items() if "query" in row.kind]
     named = {selector.removeprefix("treenail/a/").partition("?")[0] for selector, _ in EXCHANGE.findall(PAGE)}
     named |= set(re.findall(r"`([a-z0-9_/<>-]+)`", PAGE))
     missing = [pattern.pattern for pattern in asked if not any(pattern.fullmatch(name) for name in named)]

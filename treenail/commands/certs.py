@@ -10,12 +10,13 @@ from pathlib import Path
 
 from rich.table import Table
 
-from services.bus.access import NAMES, ROUTER, SERVICES
+from services.bus.access import NAMES, ROUTER
 from services.cell.authority import (
     AuthorityError,
 )
 from services.cell.certificates import certify
 from services.cell.terminal import console
+from services.wire.keys import SERVICES
 
 MAX_DAYS = 3650
 

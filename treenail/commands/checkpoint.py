@@ -17,6 +17,7 @@ from services.rules import skill as skill_file
 from services.rules.skill import NamedSkill
 from services.rules.swaps import in_force, kind_of, words
 from services.wire.errors import CellError
+from services.wire.keys import WORKERS
 
 Row = dict[str, str | int | bool | None]
 
@@ -149,7 +150,7 @@ def _rows(cell: Client, run: stored.StoredRun) -> list[Row]:
     name = run.record.run
     journal: Row = {"service": "task", "episodes": run.episodes, "decisions": run.decisions, "bytes": run.size_bytes}
     rows: list[Row] = [{"run": name, **journal, "newest": True}]
-    for service in stored.WORKERS:
+    for service in sorted(WORKERS):
         for found in stored.checkpoints(cell, name, service):
             place: Row = {"episodes": found.checkpoint.episode, "decisions": found.checkpoint.decisions}
             rows.append({"run": name, "service": service, **place, "bytes": found.size_bytes, "newest": found.newest})

@@ -18,7 +18,7 @@ from services.cell.terminal import console
 from services.rules.swaps import words
 from services.wire.codec import contract_sha256
 from services.wire.errors import ContractError, TreenailError
-from services.wire.keys import EXPERIMENT
+from services.wire.keys import ALIVE, EXPERIMENT, wild
 from services.wire.messages import Alive, Experiment
 from services.wire.text import one_line
 
@@ -173,7 +173,7 @@ def _table(heading: str, rows: list[dict[str, str | int | float | bool | None]])
 
 def _answers(cell: client.Client) -> tuple[dict[str, Alive], dict[str, str]]:
     """Return what the services say of themselves, and the errors of those whose answer is of another contract."""
-    samples, _ = cell.replies("alive/*", ANSWER_WITHIN_S)
+    samples, _ = cell.replies(wild(ALIVE), ANSWER_WITHIN_S)
     found: dict[str, Alive] = {}
     foreign: dict[str, str] = {}
     for sample in samples:

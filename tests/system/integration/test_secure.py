@@ -19,7 +19,7 @@ import pytest
 import zenoh
 from zenoh.handlers import Callback
 
-from services.bus.access import ACCESS, CLIENTS, SERVICES
+from services.bus.access import ACCESS
 from services.bus.service import Options
 from services.bus.session import open_client
 from services.bus.tls import Identity
@@ -28,7 +28,7 @@ from services.cell.authority import Authority
 from services.cell.certificates import certify
 from services.cell.client import Client
 from services.wire.errors import CellError
-from services.wire.keys import Q_TABLE, Keys
+from services.wire.keys import CLIENTS, Q_TABLE, SERVICES, Keys
 from services.wire.messages import Alive, JournalEpisode, QTable
 
 KEYS = Keys("cell-2")

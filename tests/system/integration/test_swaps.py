@@ -20,7 +20,7 @@ from services.rules.swaps import asked_for, in_force, planned, spec
 from services.wire.codec import encode, encoding_of
 from services.wire.definition import QLearning, Softmax
 from services.wire.definition_file import load
-from services.wire.keys import SWAP, SWAPS
+from services.wire.keys import SWAP, SWAPS, name_of
 from services.wire.messages import Refusal, Swap, Swapped, SwapRequest, Swaps
 
 EPISODES = 24
@@ -240,7 +240,7 @@ def test_hostile_payloads_are_refused_one_by_one(waiting: Any, operator: Operato
     (answer,) = operator.send(payload, "zenoh/bytes")
     assert isinstance(answer, Refusal)
     assert waiting.experiment().swaps == ()
-    assert waiting.ask(f"journal/{good.run}/{SWAPS}", Swaps, 1.0) is None
+    assert waiting.ask(name_of(SWAPS, run=good.run), Swaps, 1.0) is None
     assert isinstance(operator.ask(good), Swapped)
 
 

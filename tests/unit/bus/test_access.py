@@ -8,58 +8,35 @@ from typing import Any
 import pytest
 import zenoh
 
-from services.bus.access import ACCESS, CLIENTS, NAMES, SERVICES, access_control, table
-from services.wire.keys import CONTRACT
+from services.bus.access import ACCESS, NAMES, access_control, table
+from services.wire.keys import CLIENTS, CONTRACT, STORED
 from treenail.__main__ import SERVICES as COMMANDS
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "security.md"
-STORED = ("journal/**", "checkpoint/**")
-GROUPS = {
-    "anyone": set(CLIENTS),
-    "everyone": set(CLIENTS),
-    "workers": {"classifier", "agent"},
-    "each service": set(SERVICES),
-}
 
 
 def test_every_key_of_the_contract_has_its_rule_and_there_are_no_others() -> None:
-    assert set(ACCESS) == {key for key, *_ in CONTRACT} | set(STORED)
+    assert set(ACCESS) == set(CONTRACT) | set(STORED)
 
 
 def test_every_service_that_can_be_started_can_have_a_certificate() -> None:
     assert set(COMMANDS) <= set(NAMES)
 
 
-def _who(words: str) -> set[str]:
-    """Return the names in one side of a route of the contract, as in ``sensor_jr3 or sim``."""
-    found: set[str] = set()
-    for word in words.replace(" or ", ", ").split(", "):
-        found |= GROUPS.get(word.strip(), {word.strip()})
-    return found
-
-
-@pytest.mark.parametrize("key", [key for key, *_ in CONTRACT])
-def test_the_rule_is_what_the_contract_says(key: str) -> None:
-    how, route = next((how, route) for name, how, route, *_ in CONTRACT if name == key)
-    access = ACCESS[key]
-    if route == "each service":
-        speaking = set(access.put) | set(access.be)
-        assert speaking == set(SERVICES)
-    elif how == "pub":
-        source, target = route.split(" -> ")
-        assert set(access.put) == _who(source)
-        assert set(access.hear) >= _who(target)
-        assert not access.ask and not access.answer
-    elif how == "query":
-        source, target = route.split(" -> ")
-        assert set(access.ask) >= _who(source)
-        assert set(access.answer) == _who(target)
-        assert not access.put and not access.hear
-    else:
-        stored = ACCESS[key.partition("/")[0] + "/**"]
+@pytest.mark.parametrize("key", CONTRACT)
+def test_the_rule_fits_the_kind_of_key(key: str) -> None:
+    row = CONTRACT[key]
+    used = {verb for verb, names in row.access._asdict().items() if names}
+    if row.kind == "pub":
+        assert used == {"put", "hear"} and set(row.to) <= set(row.access.hear)
+    elif row.kind == "query":
+        assert used == {"ask", "answer"}
+    elif row.kind == "put, query":
+        stored = STORED[key.partition("/")[0] + "/**"]
         assert stored.answer == ("store",) and "store" in stored.hear
-        source = route.split(" <-> ")[0]
-        assert access.put and set(access.put) <= _who(source)
+        assert row.access.put and not used & {"answer", "be", "watch"}
+    else:
+        assert row.kind.startswith("liveliness") and {"be", "watch"} <= used
 
 
 def _may(verb: str) -> dict[str, set[str]]:
@@ -83,7 +60,7 @@ def test_people_and_the_viewer_read_and_a_learner_never_sees_the_truth() -> None
     assert put["guest"] == answer["guest"] == answer["operator"] == set()
     assert put["viewer"] == {"heartbeat/<service>"}
     assert answer["viewer"] == {"alive/<service>"}
-    published = {key for key, how, *_ in CONTRACT if how == "pub"}
+    published = {key for key, row in CONTRACT.items() if row.kind == "pub"}
     assert _may("hear")["guest"] == _may("hear")["viewer"] == published | set(STORED)
     for name in ("task", "classifier", "agent"):
         assert "sim/truth" not in _may("hear")[name]

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from services.store.retention import RetentionSettings, removable
+from services.wire.keys import CONTRACT, RUN, name_of
 
 PREFIX = "treenail/a"
 Stored = list[tuple[str, str]]
@@ -17,7 +18,7 @@ def checkpoints(run: str, service: str, *numbers: int) -> Stored:
 
 
 def journal(run: str, episodes: range) -> Stored:
-    return [(f"{PREFIX}/journal/{run}/{episode // 10:06}/{episode:08}", "5") for episode in episodes]
+    return [(f"{PREFIX}/journal/{run}/{episode // 100:06}/{episode:08}", "5") for episode in episodes]
 
 
 def kept_episodes(stored: Stored, settings: RetentionSettings) -> list[int]:
@@ -92,7 +93,7 @@ CELLS, RUNS, SERVICES = (st.sampled_from(names) for names in (["a", "b"], ["r1",
 STORED_KEYS = st.one_of(
     st.builds("treenail/{}/checkpoint/{}/{}/{:08}".format, CELLS, RUNS, SERVICES, EPISODES),
     st.builds("treenail/{}/checkpoint/{}/{}/latest".format, CELLS, RUNS, SERVICES),
-    st.builds(lambda c, r, e: f"treenail/{c}/journal/{r}/{e // 10:06}/{e:08}", CELLS, RUNS, EPISODES),
+    st.builds(lambda c, r, e: f"treenail/{c}/journal/{r}/{e // 100:06}/{e:08}", CELLS, RUNS, EPISODES),
     st.builds("treenail/{}/journal/{}/{}".format, CELLS, RUNS, st.sampled_from(["run", "latest"])),
 )
 SETTINGS = st.builds(RetentionSettings, st.integers(1, 3), st.integers(1, 8), st.integers(1, 3))
@@ -153,3 +154,15 @@ def test_a_second_look_finds_nothing_more_whatever_the_order(
     removed = removable(stored.items(), settings)
     assert removable(reversed(stored.items()), settings) == removed
     assert removable([(key, "1") for key in stored if key not in removed], settings) == []
+
+
+PARTS: dict[str, str | int] = {"service": "agent", "episode": 3, "sha256": "0f" * 32, "instance": "01-2"}
+
+
+def test_all_keys_of_a_run_go_together_and_no_other_key_of_the_contract() -> None:
+    of_a_run = [pattern for pattern in CONTRACT if "<run>" in pattern]
+    old = [f"{PREFIX}/{name_of(pattern, run='old-s1', **PARTS)}" for pattern in of_a_run]
+    others = [f"{PREFIX}/{name_of(pattern, **PARTS)}" for pattern in CONTRACT if pattern not in of_a_run]
+    newer = [(f"{PREFIX}/{name_of(RUN, run='new-s1')}", "9")]
+    stored = [*((key, "1") for key in (*old, *others)), *newer]
+    assert removable(stored, RetentionSettings(runs=1)) == sorted(old)

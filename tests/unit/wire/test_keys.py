@@ -5,11 +5,12 @@ from __future__ import annotations
 import string
 
 import pytest
+import zenoh
 from hypothesis import given
 from hypothesis import strategies as st
 
 from services.wire.errors import TreenailError
-from services.wire.keys import CONTRACT, JOURNAL_BLOCK, Keys
+from services.wire.keys import CONTRACT, JOURNAL_BLOCK, STORED, Keys, name_of, named, wild
 from services.wire.messages import MESSAGES
 
 
@@ -73,7 +74,46 @@ def test_a_cell_name_that_is_taken_is_one_plain_part_of_a_key(cell: str) -> None
 
 
 def test_the_contract_names_only_types_that_exist() -> None:
-    known = {kind.__name__ for kind in MESSAGES} | {"-"}
-    for key, _, _, types, _ in CONTRACT:
-        assert {name.strip() for name in types.split("->")} <= known, key
-    assert len({key for key, *_ in CONTRACT}) == len(CONTRACT)
+    for key, row in CONTRACT.items():
+        assert set(row.types) <= set(MESSAGES), key
+
+
+PARTS: dict[str, str | int] = {
+    "run": "0123456789abcdef-s7",
+    "service": "agent",
+    "episode": 12_345,
+    "sha256": "0f" * 32,
+    "instance": "01-2",
+}
+
+
+@pytest.mark.parametrize("pattern", CONTRACT)
+def test_every_key_of_the_contract_is_told_by_its_name(pattern: str) -> None:
+    name = name_of(pattern, **PARTS)
+    key = named(name)
+    assert key is not None and key.pattern == pattern
+    assert all(str(PARTS[part]) in value for part, value in key.parts.items() if part != "block")
+    assert zenoh.KeyExpr(wild(pattern)).includes(zenoh.KeyExpr(name))
+    assert (CONTRACT[pattern].kind == "put, query") == any(
+        zenoh.KeyExpr(stored).includes(zenoh.KeyExpr(name)) for stored in STORED
+    )
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "",
+        "journal",
+        "journal/r-s0/swaps",
+        "journal/r-s0/000001/00000007",  # of another block
+        "journal/r-s0/000000/7",
+        "journal/R/run",
+        "checkpoint/r-s0/agent/newest",
+        "checkpoint/skill/abc",
+        "checkpoint/junk",
+        "ft/x",
+        "run\n",
+    ],
+)
+def test_any_other_name_is_none_of_the_contract(name: str) -> None:
+    assert named(name) is None
