@@ -1,15 +1,20 @@
-"""The ``treenail`` command: starts cells, asks them, runs experiments. It knows services by name only."""
+"""The ``treenail`` command: starts cells, asks them, runs experiments. Only what a command needs is loaded for it."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import sys
+from collections.abc import Callable
+from pathlib import Path
 from typing import Protocol
 
-from services.bus.command import EXIT_ERROR, Parser
-from services.wire.errors import TreenailError
-from services.wire.version import version
+# By python -m, unlike the installed command: a file of the user's is no module of ours, whatever its name.
+if not sys.flags.safe_path and Path(sys.path[0]).resolve() not in Path(__file__).resolve().parents:
+    del sys.path[0]
+
+from services.rules import command_line
+from services.rules.command_line import Parser, RawHelp, did_you_mean, module_command
 
 SERVICES = {
     "router": "Zenoh's router",
@@ -37,18 +42,18 @@ COMMANDS = {
 """Each is a module of ``treenail.commands``; its ``act`` returns the exit status, 0 or 1."""
 
 STUDIES = {
-    "experiment": ("treenail.commands.experiment", "run an experiment in one process, without Zenoh"),
-    "bench": ("experiments.bench", "measure speed on this machine"),
-    "replay": ("experiments.journal.replay_command", "rebuild a run's memory and log from its journal, and compare"),
-    "diff": ("experiments.journal.diff_command", "say where two runs part"),
-    "chaos": ("experiments.chaos", "kill and disturb a cell while it learns, and compare it with one left in peace"),
-    "reproduce": ("experiments.reproduce", "compute the thesis's tables and figures anew, as one page"),
-    "oracle": ("experiments.oracle", "search the best insertion with full knowledge of the pose"),
+    "experiment": "run an experiment in one process, without Zenoh",
+    "bench": "measure speed on this machine",
+    "replay": "rebuild a run's memory and log from its journal, and compare",
+    "diff": "say where two runs part",
+    "chaos": "kill and disturb a cell while it learns, and compare it with one left in peace",
+    "reproduce": "compute the thesis's tables and figures anew, as one page",
+    "oracle": "search the best insertion with full knowledge of the pose",
 }
 
 TOOLS = {
-    "pterm": ("treenail.tools.pterm", "a terminal for an old controller on a serial line"),
-    "pfloppy": ("treenail.tools.pfloppy", "a floppy drive for an old controller (stand-in protocol)"),
+    "pterm": "a terminal for an old controller on a serial line",
+    "pfloppy": "a floppy drive for an old controller (stand-in protocol)",
 }
 
 
@@ -64,30 +69,29 @@ class Command(Protocol):
 
 def main() -> None:
     """Run the command line; exit with its status."""
-    name, rest = (sys.argv[1], sys.argv[2:]) if len(sys.argv) > 1 else ("", [])
+    name, words = (sys.argv[1], sys.argv[2:]) if len(sys.argv) > 1 else ("", [])
     if name in SERVICES:
-        _become(f"services.{name}", rest)
-    if name in STUDIES:
-        _become(STUDIES[name][0], rest)
-    if name in TOOLS:
-        _become(TOOLS[name][0], rest)
-    if name not in COMMANDS:
-        _overview().parse_args([name] if name else [])
-    try:
-        sys.exit(_command(name, rest))
-    except TreenailError as error:
-        print(f"treenail {name}: {error}", file=sys.stderr)
-        sys.exit(EXIT_ERROR)
-    except KeyboardInterrupt:
-        sys.exit(130)
+        os.execv(sys.executable, module_command(f"services.{name}", *words))
+    program = f"treenail {name}" if name in (*COMMANDS, *STUDIES, *TOOLS) else "treenail"
+    sys.exit(command_line.run(program, lambda: _act(name, words)))
 
 
-def _command(name: str, words: list[str]) -> int:
-    """Run one of COMMANDS and return its exit status; only its own module is loaded."""
-    module = _module(name)
-    parser = Parser(prog=f"treenail {name}", description=COMMANDS[name])
-    module.add_arguments(parser)
-    return module.act(parser.parse_args(words)) or 0
+def _act(name: str, words: list[str]) -> int | None:
+    """Do what a command does; return its exit status."""
+    if name in STUDIES or name in TOOLS:
+        return _study(name)(words)
+    if name in COMMANDS:
+        module = _module(name)
+        parser = Parser(prog=f"treenail {name}", description=COMMANDS[name])
+        module.add_arguments(parser)
+        return module.act(parser.parse_args(words))
+    overview = _overview()
+    if name and not name.startswith("-"):
+        overview.error(f"unknown command {name!r}{did_you_mean(name, (*COMMANDS, *STUDIES, *TOOLS, *SERVICES))}")
+    if name:
+        overview.parse_args([name])
+    overview.print_help()
+    return 0
 
 
 def _module(name: str) -> Command:
@@ -131,17 +135,36 @@ def _module(name: str) -> Command:
             return certs
 
 
-def _become(module: str, arguments: list[str]) -> None:
-    """Replace this process by one of a module; ``-P``: nothing in the current folder is taken for one of ours."""
-    os.execv(sys.executable, [sys.executable, "-P", "-m", module, *arguments])
+def _study(name: str) -> Callable[[list[str]], int]:
+    """Return the main function of a study or a tool, which reads its own words."""
+    match name:
+        case "experiment":
+            from treenail.commands.experiment import main
+        case "bench":
+            from experiments.bench.__main__ import main
+        case "replay":
+            from experiments.journal.replay_command import main
+        case "diff":
+            from experiments.journal.diff_command import main
+        case "chaos":
+            from experiments.chaos.__main__ import main
+        case "reproduce":
+            from experiments.reproduce.__main__ import main
+        case "oracle":
+            from experiments.oracle.__main__ import main
+        case "pterm":
+            from treenail.tools.pterm.__main__ import main
+        case _:
+            from treenail.tools.pfloppy.__main__ import main
+    return main
 
 
-def _overview() -> argparse.ArgumentParser:
-    """Return a parser that knows no command: for help, the version, and the error about an unknown one."""
+def _overview() -> Parser:
+    """Return a parser that reads no command: for help, the version, and the error about an unknown one."""
     groups = {
         "commands": COMMANDS,
-        "studies, without a cell": {name: summary for name, (_, summary) in STUDIES.items()},
-        "tools for old controllers": {name: summary for name, (_, summary) in TOOLS.items()},
+        "studies, without a cell": STUDIES,
+        "tools for old controllers": TOOLS,
         "one service as one process": SERVICES,
     }
     parser = Parser(
@@ -149,11 +172,11 @@ def _overview() -> argparse.ArgumentParser:
         usage="treenail COMMAND ...",
         description="A robot learns to put pegs into holes by feel.",
         epilog="\n\n".join(f"{title}:\n{_table(names)}" for title, names in groups.items()) + "\n\neach has --help",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=RawHelp,
     )
+    from services.wire.version import version
+
     parser.add_argument("--version", action="version", version=f"treenail {version()}")
-    known = (*COMMANDS, *STUDIES, *TOOLS, *SERVICES)
-    parser.add_argument("command", choices=known, metavar="COMMAND", help=argparse.SUPPRESS)
     return parser
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
 from experiments.bench.values import Value, machine
-from services.bus.command import EXIT_ERROR, Parser
+from services.rules import command_line
+from services.rules.command_line import Parser, number, whole
 from services.wire.definition_file import load
-from services.wire.errors import TreenailError
 from services.wire.randomness import MAX_SEED
 
 PROGRAM = "treenail bench"
@@ -38,21 +37,14 @@ MOST_CELLS = 64
 
 def main(words: Sequence[str] | None = None) -> int:
     """Do what the command line (or ``words`` in its place) says and return the exit status."""
-    arguments = _parser().parse_args(words)
-    try:
-        found: dict[str, Value] = {"bench": arguments.bench, "machine": machine()}
-        results = _measure(arguments)
-        found |= {"results": results}
-    except TreenailError as error:
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
-        return EXIT_ERROR
-    except KeyboardInterrupt:
-        print(f"{PROGRAM}: interrupted", file=sys.stderr)
-        return 130
-    try:
-        print(json.dumps(found, indent=2) if arguments.json else "\n".join(lines(found)), flush=True)
-    except BrokenPipeError:  # whoever reads has had enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return command_line.run(PROGRAM, lambda: _act(_parser().parse_args(words)))
+
+
+def _act(arguments: argparse.Namespace) -> int:
+    report: dict[str, Value] = {"bench": arguments.bench, "machine": machine()}
+    results = _measure(arguments)
+    report |= {"results": results}
+    print(json.dumps(report, indent=2) if arguments.json else "\n".join(lines(report)), flush=True)
     return int(results.get("equal") is False)
 
 
@@ -142,31 +134,31 @@ def _parser() -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=summary, description=summary)
         command.add_argument("--json", action="store_true", help="as JSON, units in the names")
         if name in WITH_ROUNDS:
-            command.add_argument("--rounds", type=_from(1), default=3, metavar="N", help="repetitions (default: 3)")
+            command.add_argument("--rounds", type=whole(1), default=3, metavar="N", help="repetitions")
         if name not in ("art2", "link", "scale"):
             command.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file")
             command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a setting")
-            command.add_argument("--seed", type=_from(0, MAX_SEED), default=0, help="seed of the run (default: 0)")
+            command.add_argument("--seed", type=whole(0, MAX_SEED), default=0, help="seed of the run")
     loop, sim = commands.choices["loop"], commands.choices["sim"]
     query = commands.choices["query"]
-    query.add_argument("--seconds", type=_from(1, 3600), default=5, help="length of each part of a round (default: 5)")
-    query.add_argument("--rate", type=_from(1, 1000), default=50, help="questions per second (default: 50)")
-    loop.add_argument("--episodes", type=_from(2), default=60, help="length; the first is not counted (default: 60)")
+    query.add_argument("--seconds", type=whole(1, 3600), default=5, help="length of each part of a round")
+    query.add_argument("--rate", type=whole(1, 1000), default=50, help="questions per second")
+    loop.add_argument("--episodes", type=whole(2), default=60, help="length; the first is not counted")
     loop.add_argument("--secure", action="store_true", help="measure the cell with certificates as well")
-    sim.add_argument("--episodes", type=_from(1), default=20, help="whole episodes in a round (default: 20)")
-    sim.add_argument("--moves", type=_from(1), default=1000, help="moves of one kind in a round (default: 1000)")
+    sim.add_argument("--episodes", type=whole(1), default=20, help="whole episodes in a round")
+    sim.add_argument("--moves", type=whole(1), default=1000, help="moves of one kind in a round")
     several = commands.choices["classifiers"]
-    several.add_argument("--vectors", type=_from(10), default=2000, help="recorded vectors in a round (default: 2000)")
-    several.add_argument("--episodes", type=_from(1), default=100, help="episodes learnt in a round (default: 100)")
+    several.add_argument("--vectors", type=whole(10), default=2000, help="recorded vectors in a round")
+    several.add_argument("--episodes", type=whole(1), default=100, help="episodes learnt in a round")
     link = commands.choices["link"]
-    link.add_argument("--messages", type=_from(1), default=5000, help="each way in a round (default: 5000)")
-    link.add_argument("--moves", type=_from(1), default=1000, help="moves by dialogue in a round (default: 1000)")
+    link.add_argument("--messages", type=whole(1), default=5000, help="each way in a round")
+    link.add_argument("--moves", type=whole(1), default=1000, help="moves by dialogue in a round")
     viewer = commands.choices["viewer"]
-    viewer.add_argument("--minutes", type=_from(1, 1440), default=5, metavar="M", help="length (default: 5)")
-    viewer.add_argument("--memory-limit", default="256MB", metavar="SIZE", help="the viewer's (default: 256MB)")
+    viewer.add_argument("--minutes", type=whole(1, 1440), default=5, metavar="M", help="length")
+    viewer.add_argument("--memory-limit", default="256MB", metavar="SIZE", help="the viewer's")
     _add_long_ones(commands.choices)
     for name in ("art2", "learner"):
-        commands.choices[name].add_argument("--steps", type=_from(1), default=5000, help="steps in a round")
+        commands.choices[name].add_argument("--steps", type=whole(1), default=5000, help="steps in a round")
     return parser
 
 
@@ -177,41 +169,17 @@ def _add_long_ones(commands: Mapping[str, argparse.ArgumentParser]) -> None:
 
     soak, fleet = commands["soak"], commands["fleet"]
     sizes = [size for size in range(1, MOST_IN_A_PACKET + 1) if SAMPLES_PER_S % size == 0]
-    soak.add_argument("--minutes", type=_minutes, default=30.0, metavar="M", help="length (default: 30)")
-    soak.add_argument("--in-packet", type=int, choices=sizes, default=8, help="F/T samples in a packet (default: 8)")
-    soak.add_argument(
-        "--keep-episodes", type=_from(1), default=200, metavar="N", help="that the store keeps (default: 200)"
-    )
+    soak.add_argument("--minutes", type=number(0.01, MOST_MINUTES, "minutes"), default=30.0, metavar="M", help="length")
+    soak.add_argument("--in-packet", type=int, choices=sizes, default=8, help="F/T samples in a packet")
+    soak.add_argument("--keep-episodes", type=whole(1), default=200, metavar="N", help="that the store keeps")
     fleet.add_argument("--cells", type=_counts, default=(1, 2, 4, 8), metavar="N,...", help="default: 1,2,4,8")
-    fleet.add_argument("--episodes", type=_from(2), default=60, help="of each cell (default: 60)")
+    fleet.add_argument("--episodes", type=whole(2), default=60, help="of each cell")
     add_arguments(commands["scale"])
-
-
-def _minutes(text: str) -> float:
-    """Return a length in minutes."""
-    try:
-        minutes = float(text)
-    except ValueError:
-        minutes = 0.0
-    if not 0.01 <= minutes <= MOST_MINUTES:
-        raise argparse.ArgumentTypeError(f"expected 0.01 to {MOST_MINUTES} minutes, got {text!r}")
-    return minutes
 
 
 def _counts(text: str) -> tuple[int, ...]:
     """Return numbers of cells."""
-    return tuple(_from(1, MOST_CELLS)(part) for part in text.split(","))
-
-
-def _from(least: int, most: int = 10**9) -> Callable[[str], int]:
-    """Return a reader of whole numbers from ``least`` to ``most``."""
-
-    def read(text: str) -> int:
-        if not (text.isascii() and text.isdigit() and least <= int(text) <= most):
-            raise argparse.ArgumentTypeError(f"expected a whole number from {least} to {most}, got {text!r}")
-        return int(text)
-
-    return read
+    return tuple(whole(1, MOST_CELLS)(part) for part in text.split(","))
 
 
 if __name__ == "__main__":

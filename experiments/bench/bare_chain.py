@@ -22,11 +22,11 @@ from zenoh.handlers import Callback
 
 from services.bus.command import DIE_WITH_PARENT, die_with_parent
 from services.bus.session import open_client
+from services.rules.command_line import module_command
 from services.wire.errors import NoAnswerError
 
 ROBOT, FT, REWARD = "treenail/bare/move", "treenail/bare/ft", "treenail/bare/reward"
 OBSERVATION, STATE, ACTION = "treenail/bare/observation", "treenail/bare/state", "treenail/bare/action"
-_PYTHON = (sys.executable, "-P", "-m")
 _PASSED_ON = {"classifier": (OBSERVATION, STATE), "agent": (STATE, ACTION)}
 _HEADER = struct.Struct("<HH")
 _PATIENCE_S = 30.0
@@ -146,9 +146,7 @@ def bare_processes(endpoint: str) -> Iterator[Callable[[], None]]:
     """Run the three other processes of the chain; gives a function that raises NoAnswerError when one has ended."""
     environment = {**os.environ, DIE_WITH_PARENT: str(os.getpid())}
     started = {
-        role: subprocess.Popen(
-            [sys.executable, "-P", "-m", "experiments.bench.bare_chain", role, endpoint], env=environment
-        )
+        role: subprocess.Popen(module_command("experiments.bench.bare_chain", role, endpoint), env=environment)
         for role in ("robot", *_PASSED_ON)
     }
 

@@ -9,7 +9,6 @@ import json
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -24,6 +23,7 @@ from experiments.bench.processes import MB, Usage, slope_per_h, usages
 from experiments.bench.values import Value
 from services.bus.command import DIE_WITH_PARENT
 from services.cell.supervisor import last_line
+from services.rules.command_line import module_command
 from services.wire.errors import CellError
 from services.wire.keys import Keys
 
@@ -217,7 +217,7 @@ def _streaming(endpoint: str, in_packet: int, folder: Path) -> Iterator[tuple[di
     with _ahead() as real_time:
         for part in ("receive", "send"):
             with (folder / f"{part}.out").open("wb") as out, (folder / f"{part}.log").open("wb") as log:
-                command = [sys.executable, "-P", "-m", "experiments.bench.ft_stream", part, *words]
+                command = module_command("experiments.bench.ft_stream", part, *words)
                 started[part] = subprocess.Popen(
                     command, stdin=subprocess.DEVNULL, stdout=out, stderr=log, env=environment, start_new_session=True
                 )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import queue
 import signal
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -16,6 +15,7 @@ from services.bus.ports import free_port
 from services.bus.service import Options
 from services.cell.client import Client
 from services.cell.supervisor import last_line
+from services.rules.command_line import module_command
 from services.wire.errors import CellError
 from services.wire.keys import EPISODE
 from services.wire.messages import EpisodeSummary
@@ -46,7 +46,7 @@ def _first_episode(words: list[str]) -> float:
     with tempfile.TemporaryDirectory(prefix="treenail-bench-") as name:
         said, port = Path(name, "said"), free_port()
         places = ["--out", str(Path(name, "run")), "--port", str(port), "--viewer-port", "0"]
-        command = [sys.executable, "-P", "-m", "treenail.__main__", "up", "sim", *words, *places]
+        command = module_command("treenail.__main__", "up", "sim", *words, *places)
         with said.open("wb") as out:
             began = time.perf_counter()
             process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=out, stderr=out)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import shutil
 import signal
 import sys
@@ -24,7 +23,8 @@ from experiments.chaos.campaign import RunReport, Settings, carry_out
 from experiments.chaos.clocks import Clocks, NoClocksError
 from experiments.chaos.reference import Reference, undisturbed
 from experiments.chaos.report import as_json, lines, table, well
-from services.bus.command import EXIT_ERROR, Parser
+from services.rules import command_line
+from services.rules.command_line import EXIT_DIFFERS, EXIT_ERROR, Parser, RawHelp
 from services.rules.swaps import SPEC, SPEC_HELP
 from services.rules.swaps import planned as swaps_of
 from services.wire.definition import Definition
@@ -33,26 +33,19 @@ from services.wire.errors import TreenailError
 from services.wire.messages import Swap
 
 PROGRAM = "treenail chaos"
-EXIT_DIFFERS, EXIT_INTERRUPTED = 1, 130
 OTHERS_PER_KILLS = 50
 TABLE_WIDTH = 118
 
 
 def main(words: Sequence[str] | None = None) -> int:
     """Do what the command line (or ``words`` in its place) says and return the exit status."""
+    return command_line.run(PROGRAM, lambda: _act(words), unread=EXIT_ERROR)
+
+
+def _act(words: Sequence[str] | None) -> int:
     arguments = _parser().parse_args(words)
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: nothing is left running
-    try:
-        return _run(arguments)
-    except TreenailError as error:
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
-        return EXIT_ERROR
-    except KeyboardInterrupt:
-        print(f"{PROGRAM}: interrupted", file=sys.stderr)
-        return EXIT_INTERRUPTED
-    except BrokenPipeError:  # whoever reads has had enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_ERROR
+    return _run(arguments)
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -163,20 +156,20 @@ def _teller(quiet: bool) -> Callable[[str], None]:
 
 def _parser() -> argparse.ArgumentParser:
     kinds = "\n".join(f"  {name:<11}{says}" for name, says in plans.KINDS.items())
-    parser = Parser(prog=PROGRAM, description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = Parser(prog=PROGRAM, description=__doc__, formatter_class=RawHelp)
     run = parser.add_subparsers(metavar="COMMAND", required=True).add_parser(
         "run",
         help="carry out a campaign",
         description=__doc__,
         epilog=f"kinds of disturbances:\n{kinds}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=RawHelp,
     )
     run.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file of the definition")
     run.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
     run.add_argument("--swap", action="append", default=[], metavar=SPEC, help=SPEC_HELP)
-    run.add_argument("--seed", type=int, default=0, help="seed of the plan and of the first run (default: 0)")
-    run.add_argument("--episodes", type=int, default=40, help="length of each run (default: 40)")
-    run.add_argument("--kills", type=int, default=20, metavar="N", help="processes to kill (default: 20)")
+    run.add_argument("--seed", type=int, default=0, help="seed of the plan and of the first run")
+    run.add_argument("--episodes", type=int, default=40, help="length of each run")
+    run.add_argument("--kills", type=int, default=20, metavar="N", help="processes to kill")
     run.add_argument("--others", type=int, metavar="N", help="how often each other kind (default: one for 50 kills)")
     for option, known, what in (
         ("--kinds", tuple(plans.KINDS), "disturb"),

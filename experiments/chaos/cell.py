@@ -7,7 +7,6 @@ import os
 import resource
 import signal
 import subprocess
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
@@ -21,6 +20,7 @@ from services.cell.client import Client
 from services.cell.local import LocalCell
 from services.cell.plan import make_plan, viewer_at
 from services.cell.supervisor import Supervisor
+from services.rules.command_line import module_command
 from services.wire.errors import CellError
 
 TAP_STOPS_S = 3.0
@@ -153,7 +153,7 @@ class ChaosCell:
         environment = {**os.environ, **self._environment, "PYTHONUNBUFFERED": "1"}
         with self._log.open("wb") as log:
             self._tap = subprocess.Popen(
-                [sys.executable, "-P", "-m", "experiments.chaos.tap", *sides, *which],
+                module_command("experiments.chaos.tap", *sides, *which),
                 stdin=subprocess.PIPE,
                 stdout=log,
                 stderr=log,

@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from experiments.chaos.plan import SERVICES
+from services.rules.command_line import python
 from services.wire.errors import TreenailError
 
 SOURCE = Path(__file__).with_name("clock.c")
@@ -77,7 +78,7 @@ class Clocks:
     def _probe(self) -> None:
         """Raise NoClocksError when Python or Zenoh here does not see a jump, or waits by the clock that jumps."""
         self.set(ALL, PROBE_JUMP_S)
-        command, environment = [sys.executable, "-c", PROBE], {**os.environ, **self.environment}
+        command, environment = python("-c", PROBE), {**os.environ, **self.environment}
         try:
             done = subprocess.run(
                 command, capture_output=True, text=True, check=False, env=environment, timeout=PROBE_WITHIN_S

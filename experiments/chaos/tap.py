@@ -19,8 +19,9 @@ import zenoh
 from zenoh.handlers import Callback
 
 from experiments.chaos.line import Faults, Line
-from services.bus.command import Parser, run
+from services.bus.command import run
 from services.bus.session import open_client
+from services.rules.command_line import Parser
 from services.wire import keys as names
 from services.wire.keys import Keys
 
@@ -213,4 +214,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(run("chaos tap", main))
+    run("chaos tap", main)

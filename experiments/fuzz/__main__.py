@@ -9,7 +9,8 @@ from collections.abc import Callable
 from experiments.fuzz import guided
 from experiments.fuzz.campaign import Report, all_targets, campaign, input_of
 from experiments.fuzz.target import outcome
-from services.bus.command import Parser
+from services.rules import command_line
+from services.rules.command_line import Parser
 
 HANGS_AFTER_S = 60
 """A reader that does not come back within this hangs; the process then ends with a traceback of where."""
@@ -19,9 +20,13 @@ MOST_GROWTH_BYTES = 32 * 1024 * 1024
 
 def main() -> int:
     """Do what the command line says and return the exit status: 1 when something was found."""
-    parser = Parser(prog="python -m experiments.fuzz", description=__doc__)
-    parser.add_argument("--inputs", type=int, default=1_000_000, help="inputs in all (default: 1000000)")
-    parser.add_argument("--seed", type=int, default=1, help="another seed makes other inputs (default: 1)")
+    return command_line.run("make fuzz", _act)
+
+
+def _act() -> int:
+    parser = Parser(prog="make fuzz", description=__doc__)
+    parser.add_argument("--inputs", type=int, default=1_000_000, help="inputs in all")
+    parser.add_argument("--seed", type=int, default=1, help="another seed makes other inputs")
     parser.add_argument("--only", metavar="READER", help="no other readers than this")
     parser.add_argument("--guided", type=int, default=50_000, help="of these a reader, guided by coverage")
     parser.add_argument("--number", type=int, help="with --only: read this one input of the seed and show what comes")

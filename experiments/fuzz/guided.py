@@ -56,7 +56,9 @@ def _run(name: str, seeds: Sequence[bytes], inputs: int) -> Guided:
         for number, seed in enumerate(seeds):
             Path(folder, f"{number}").write_bytes(seed)
         flags = (*_FLAGS, f"-runs={inputs}", f"-artifact_prefix={folder}/finding-", folder)
-        command = [sys.executable, "-P", "-m", "experiments.fuzz.guided", name, *flags]
+        from services.rules.command_line import module_command  # not above: atheris wants to load services itself
+
+        command = module_command("experiments.fuzz.guided", name, *flags)
         done = subprocess.run(command, capture_output=True, text=True, errors="replace", check=False)
     said = done.stdout + done.stderr
     runs, reached = _RUNS.search(said), [int(found) for found in _COVERAGE.findall(said)] or [0]

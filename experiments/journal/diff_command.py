@@ -17,8 +17,8 @@ from experiments.journal import options as journal_options
 from experiments.journal.diff import Comparison
 from experiments.journal.replay import Replay
 from experiments.journal.source import Stored, StoredRun, chosen, runs
-from services.bus.command import Parser
 from services.cell.terminal import console
+from services.rules.command_line import Parser
 from services.rules.results import episodes_digest
 from services.rules.skill import NamedSkill
 from services.rules.swaps import words
@@ -67,8 +67,7 @@ class Found(NamedTuple):
 
 def main(words: Sequence[str] | None = None) -> int:
     """Do what the command line (or ``words`` in its place) says and return the exit status."""
-    arguments = _parser().parse_args(words)
-    return journal_options.status(PROGRAM, lambda: _act(arguments))
+    return journal_options.status(PROGRAM, lambda: _act(_parser().parse_args(words)))
 
 
 def _act(arguments: argparse.Namespace) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,11 +17,12 @@ from experiments.journal.store_file import opened
 from services.bus import command
 from services.cell import client
 from services.cell.client import Client
-from services.wire.errors import CellError, TreenailError
+from services.rules import command_line
+from services.rules.command_line import EXIT_DIFFERS
+from services.wire.errors import CellError
 
 T = TypeVar("T")
 
-EXIT_DIFFERS, EXIT_INTERRUPTED = 1, 130
 STORE_HELP = "a store's SQLite file, or the folder of a run with one, instead of a living cell; it is only read"
 
 
@@ -54,19 +54,7 @@ def places(arguments: argparse.Namespace, store: Path | None) -> Iterator[list[S
 
 def status(program: str, act: Callable[[], bool]) -> int:
     """Do what ``act`` does and return the exit status: 0 when it says that all is equal, else 1, and 2 for an error."""
-    try:
-        same = act()
-        sys.stdout.flush()
-        return 0 if same else EXIT_DIFFERS
-    except TreenailError as error:
-        print(f"{program}: {' '.join(str(error).split())}", file=sys.stderr)  # a key or a name may have line breaks
-        return command.EXIT_ERROR
-    except KeyboardInterrupt:
-        return EXIT_INTERRUPTED
-    except BrokenPipeError:
-        # Whoever read our output has gone; without this the interpreter would complain on its way out.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return EXIT_DIFFERS
+    return command_line.run(program, lambda: 0 if act() else EXIT_DIFFERS, unread=EXIT_DIFFERS)
 
 
 def shown(items: Iterable[T], what: str, total: int | None) -> Iterator[T]:

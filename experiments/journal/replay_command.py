@@ -19,9 +19,9 @@ from experiments.journal.replay import Replay
 from experiments.journal.source import InCell, InFile, StoredRun, chosen, runs
 from experiments.journal.witnesses import Compared, Witnesses
 from experiments.lab.result_files import SUMMARY, ResultsError
-from services.bus.command import Parser
 from services.cell.client import Client
 from services.cell.terminal import console
+from services.rules.command_line import Parser, whole
 from services.rules.results import RunSummary, Summary
 from services.rules.skill import NamedSkill
 from services.rules.swaps import words
@@ -38,8 +38,7 @@ LOOK_EVERY_S = 0.1
 
 def main(words: Sequence[str] | None = None) -> int:
     """Do what the command line (or ``words`` in its place) says and return the exit status."""
-    arguments = _parser().parse_args(words)
-    return journal_options.status(PROGRAM, lambda: _act(arguments))
+    return journal_options.status(PROGRAM, lambda: _act(_parser().parse_args(words)))
 
 
 def _act(arguments: argparse.Namespace) -> bool:
@@ -231,19 +230,13 @@ def _parser() -> argparse.ArgumentParser:
         "run", nargs="?", metavar="RUN", help="a run's name or how it begins; not needed for the only one"
     )
     parser.add_argument(
-        "--until", type=_episode, metavar="EPISODE", help="stop before this episode and show the memory as it was then"
+        "--until", type=whole(0), metavar="EPISODE", help="stop before this episode and show the memory as it was then"
     )
     parser.add_argument(
         "--summary", type=Path, metavar="FILE", help="summary.json to compare with (default: the one beside --store)"
     )
     journal_options.add_arguments(parser)
     return parser
-
-
-def _episode(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and len(text) < 10):
-        raise argparse.ArgumentTypeError(f"expected the number of an episode from 0, got {text!r}")
-    return int(text)
 
 
 if __name__ == "__main__":

@@ -24,8 +24,9 @@ from rich.table import Table
 
 from experiments.lab.agreement import adjusted_rand_index, purity
 from experiments.lab.in_process import InProcessRun
-from services.bus.command import EXIT_ERROR
 from services.classifier.art2 import Art2
+from services.rules import command_line
+from services.rules.command_line import Parser, whole
 from services.sim.contact_state import FREE
 from services.wire import definition_file
 from services.wire.definition import Art2Settings, Definition, Plugin
@@ -142,12 +143,11 @@ def one_at_a_time(scores: Sequence[Score], base: Score) -> list[Score]:
 
 def main(words: Sequence[str] | None = None) -> int:
     """Do what the command line (or ``words`` in its place) says and return the exit status."""
-    arguments = _parser().parse_args(words)
-    try:
-        definition = definition_file.load(arguments.experiment, arguments.set)
-    except TreenailError as error:
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
-        return EXIT_ERROR
+    return command_line.run(PROGRAM, lambda: _act(_parser().parse_args(words)))
+
+
+def _act(arguments: argparse.Namespace) -> int:
+    definition = definition_file.load(arguments.experiment, arguments.set)
     runs = [record(definition, seed, arguments.episodes) for seed in range(arguments.seeds)]
     settings = definition.classifier
     if isinstance(settings, Plugin):
@@ -189,20 +189,14 @@ def table(title: str, scores: Sequence[Score]) -> Table:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog=PROGRAM, description=__doc__)
+    parser = Parser(prog=PROGRAM, description=__doc__)
     parser.add_argument("experiment", metavar="NAME_OR_FILE", nargs="?", default="chamfered-q-softmax")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a setting")
-    parser.add_argument("--episodes", type=_positive, default=60, metavar="N", help="episodes of each run (default 60)")
-    parser.add_argument("--seeds", type=_positive, default=2, metavar="K", help="runs, seeds 0 to K-1 (default 2)")
-    parser.add_argument("--rows", type=_positive, default=20, metavar="N", help="best settings shown (default 20)")
+    parser.add_argument("--episodes", type=whole(), default=60, metavar="N", help="episodes of each run")
+    parser.add_argument("--seeds", type=whole(), default=2, metavar="K", help="runs, seeds 0 to K-1")
+    parser.add_argument("--rows", type=whole(), default=20, metavar="N", help="best settings shown")
     parser.add_argument("--json", action="store_true", help="print all settings as JSON")
     return parser
-
-
-def _positive(text: str) -> int:
-    if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number from 1, got {text!r}")
-    return int(text)
 
 
 if __name__ == "__main__":

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 from services.bus.stop_flag import StopFlag
+from services.rules.command_line import safe_path
 from services.wire.errors import TreenailError
 
 K = TypeVar("K")
@@ -82,7 +83,7 @@ def spread(
     others, processes, pending = set(multiprocessing.active_children()), list[BaseProcess](), dict[Future[Any], int]()
     with _interrupt_noted() as interrupted:
         try:
-            with _interrupt_blocked():
+            with _interrupt_blocked(), safe_path():
                 for index, key in enumerate(keys):
                     pending[_submitted(pool, work, index, key)] = index
             processes = _children_beside(others)

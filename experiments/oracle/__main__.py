@@ -1,6 +1,6 @@
 """What would be possible: the best insertions that a search finds with full knowledge of the pose.
 
-``python -m experiments.oracle NAME``. Same moves, guidance, limits and reward as a learner has; only the decisions come
+Same moves, guidance, limits and reward as a learner has; only the decisions come
 from a search (``oracle_search``). The result is a front: the least mean force found for each return. Every entry has
 its decisions and can be made again. It is a lower bound of what is possible, and what a learnt policy is held against.
 """
@@ -13,7 +13,7 @@ import json
 import statistics
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple, TypedDict
@@ -26,8 +26,8 @@ from rich.table import Table
 from experiments.lab import result_files
 from experiments.lab.rehearsal import Attempt
 from experiments.oracle.search import Advanced, Effort, search
-from services.bus.command import EXIT_ERROR
-from services.rules import results
+from services.rules import command_line, results
+from services.rules.command_line import Parser, whole
 from services.wire import definition_file
 from services.wire.actions import ACTION_NAMES
 from services.wire.definition import Definition
@@ -76,14 +76,7 @@ class Learnt(NamedTuple):
 
 def main(words: Sequence[str] | None = None) -> int:
     """Do what the command line (or ``words`` in its place) says and return the exit status."""
-    arguments = _parser().parse_args(words)
-    try:
-        return _act(arguments)
-    except TreenailError as error:
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
-        return EXIT_ERROR
-    except KeyboardInterrupt:
-        return 130
+    return command_line.run(PROGRAM, lambda: _act(_parser().parse_args(words)))
 
 
 def _act(arguments: argparse.Namespace) -> int:
@@ -269,7 +262,7 @@ def _lines() -> Advanced:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog=PROGRAM, description=__doc__)
+    parser = Parser(prog=PROGRAM, description=__doc__)
     parser.add_argument("experiment", metavar="NAME_OR_FILE", help="a shipped experiment's name, or a TOML file")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a setting")
     parser.add_argument("--learnt", type=Path, metavar="DIR", help="results of `treenail experiment run` to compare")
@@ -277,27 +270,16 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--out", type=Path, metavar="DIR", help=f"write {FILE} there")
     usual = Effort()
     parser.add_argument(
-        "--beam", type=_count(1), default=usual.beam, metavar="N", help=f"beam width per aim (default: {usual.beam})"
+        "--beam", type=whole(1), default=usual.beam, metavar="N", help=f"beam width per aim (default: {usual.beam})"
     )
     parser.add_argument(
         "--attempts",
-        type=_count(0),
+        type=whole(0),
         default=usual.attempts,
         metavar="N",
         help=f"most attempts of the local search (default: {usual.attempts})",
     )
     return parser
-
-
-def _count(least: int) -> Callable[[str], int]:
-    """A reader of whole numbers from ``least`` on."""
-
-    def read(text: str) -> int:
-        if not text.isdecimal() or int(text) < least:
-            raise argparse.ArgumentTypeError(f"expected a whole number from {least}, got {text!r}")
-        return int(text)
-
-    return read
 
 
 if __name__ == "__main__":

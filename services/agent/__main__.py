@@ -1,17 +1,17 @@
-"""``python -m services.agent``: one agent process."""
+"""One agent process: contact states to moves (Q-learning, SARSA)."""
 
 from __future__ import annotations
 
-import sys
-
-from services.agent.service import serve
 from services.bus import command
 
 
 def main() -> None:
     """Parse the command line and serve."""
-    serve(command.options(command.parser("agent", __doc__).parse_args()))
+    options = command.options(command.parser("agent", __doc__).parse_args())
+    from services.agent.service import serve  # here: what is missing, or Ctrl-C meanwhile, is one line
+
+    serve(options)
 
 
 if __name__ == "__main__":
-    sys.exit(command.run("agent", main))
+    command.run("agent", main)

@@ -14,7 +14,8 @@ from typing import NoReturn
 
 from services.bus.service import Options
 from services.bus.session import DEFAULT_ENDPOINT, DEFAULT_SECURE_ENDPOINT
-from services.wire.errors import TreenailError
+from services.rules import command_line
+from services.rules.command_line import EXIT_ERROR, Parser, number, whole
 
 DIE_WITH_PARENT = "TREENAIL_DIE_WITH_PARENT"
 """Environment variable with the process id of the parent to die with."""
@@ -25,25 +26,15 @@ FLEET = "TREENAIL_FLEET"
 """Environment variables that stand in for options, so that a container or a shell is told once."""
 _PR_SET_PDEATHSIG = 1
 MAX_FLEET = 1000
-EXIT_ERROR = 2
-"""Exit status of a service that could not start or go on, and said why in one line."""
 
 
-class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, like all others."""
-
-    def error(self, message: str) -> NoReturn:
-        """End the process with the message and how to get help."""
-        self.exit(EXIT_ERROR, f"{self.prog}: {message}; see {self.prog} --help\n")
-
-
-def parser(name: str, summary: str) -> argparse.ArgumentParser:
+def parser(name: str, summary: str) -> Parser:
     """Return a parser with the options that every service takes."""
     made = Parser(prog=f"treenail {name}", description=summary)
     add_arguments(made)
     made.add_argument(
         "--fleet",
-        type=int,
+        type=whole(1, MAX_FLEET),
         default=os.environ.get(FLEET) or None,
         metavar="N",
         help=f"stand in the first of the cells 1 to N that is without this service (default: ${FLEET}, else --cell)",
@@ -62,10 +53,10 @@ def add_arguments(made: argparse.ArgumentParser, connect_timeout_s: float = 30.0
     )
     made.add_argument(
         "--connect-timeout",
-        type=float,
+        type=number(0.01, 1e6, "seconds"),
         default=connect_timeout_s,
         metavar="S",
-        help=f"seconds to wait for the router (default: {connect_timeout_s:g})",
+        help="seconds to wait for the router",
     )
     add_certs(made)
 
@@ -87,8 +78,6 @@ def options(arguments: argparse.Namespace) -> Options:
     usual = DEFAULT_ENDPOINT if arguments.certs is None else DEFAULT_SECURE_ENDPOINT
     connect = tuple(arguments.connect or told or (usual,))
     fleet = getattr(arguments, "fleet", None)  # not an option of clients
-    if fleet is not None and not 1 <= fleet <= MAX_FLEET:
-        raise TreenailError(f"--fleet: expected 1 to {MAX_FLEET} cells, got {fleet}")
     return Options(arguments.cell, connect, arguments.connect_timeout, arguments.certs, fleet)
 
 
@@ -102,15 +91,8 @@ def die_with_parent() -> None:
         sys.exit(EXIT_ERROR)  # it died before we asked
 
 
-def run(name: str, main: Callable[[], None]) -> int:
-    """Run a service's main function; return the exit status. Errors of ours are one line, without a traceback."""
+def run(name: str, main: Callable[[], None]) -> NoReturn:
+    """Run a service's main function and end the process: with 2 after an error of ours, which is one line."""
     die_with_parent()
     logging.basicConfig(stream=sys.stdout, level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
-    try:
-        main()
-    except TreenailError as error:
-        print(f"treenail {name}: {error}", file=sys.stderr)
-        return EXIT_ERROR
-    except KeyboardInterrupt:
-        return 130
-    return 0
+    sys.exit(command_line.run(f"treenail {name}", main, interrupted=None))

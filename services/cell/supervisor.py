@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from services.bus.command import CERTS, DIE_WITH_PARENT, EXIT_ERROR
+from services.bus.command import CERTS, DIE_WITH_PARENT
+from services.rules.command_line import EXIT_ERROR, module_command
 from services.wire.errors import TreenailError
 
 FIRST_DELAY_S = 0.1
@@ -62,7 +62,7 @@ class Supervisor:
     def start(self, name: str, *arguments: str) -> None:
         """Start ``python -m services.<name>`` with arguments; its output goes to ``<name>.log``."""
         certs = () if self.certs is None else ("--certs", str(self.certs / name))
-        command = [sys.executable, "-P", "-m", f"services.{name}", *arguments, *certs]
+        command = module_command(f"services.{name}", *arguments, *certs)
         child = self.children[name] = Child(name, command, self.log_folder / f"{name}.log")
         self._spawn(child)
 

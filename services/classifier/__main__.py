@@ -1,17 +1,17 @@
-"""``python -m services.classifier``: one classifier process."""
+"""One classifier process: F/T vectors to contact states (ART2)."""
 
 from __future__ import annotations
 
-import sys
-
 from services.bus import command
-from services.classifier.service import serve
 
 
 def main() -> None:
     """Parse the command line and serve."""
-    serve(command.options(command.parser("classifier", __doc__).parse_args()))
+    options = command.options(command.parser("classifier", __doc__).parse_args())
+    from services.classifier.service import serve  # here: what is missing, or Ctrl-C meanwhile, is one line
+
+    serve(options)
 
 
 if __name__ == "__main__":
-    sys.exit(command.run("classifier", main))
+    command.run("classifier", main)

@@ -1,8 +1,6 @@
-"""``python -m services.robot_link --url socket://127.0.0.1:7000``: one robot link process."""
+"""One robot link process; --url socket://127.0.0.1:7000 for instance."""
 
 from __future__ import annotations
-
-import sys
 
 from services.bus import command
 from services.robot_link import settings
@@ -25,4 +23,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(command.run("robot_link", main))
+    command.run("robot_link", main)

@@ -1,18 +1,17 @@
-"""``python -m services.router``: Zenoh's own router, hosted by a small process."""
+"""Zenoh's own router, hosted by a small process."""
 
 from __future__ import annotations
-
-import sys
 
 from services.bus import command
 from services.bus.heartbeat import touch_heartbeat
 from services.bus.session import DEFAULT_ENDPOINT, DEFAULT_SECURE_ENDPOINT, open_router
 from services.bus.stop_flag import StopFlag
+from services.rules.command_line import Parser
 
 
 def main() -> None:
     """Route until stopped."""
-    parser = command.Parser(prog="treenail router", description=__doc__)
+    parser = Parser(prog="treenail router", description=__doc__)
     parser.add_argument(
         "--listen",
         action="append",
@@ -34,4 +33,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(command.run("router", main))
+    command.run("router", main)

@@ -1,8 +1,6 @@
-"""``python -m services.sensor_jr3 --url isa:0x260``: one sensor process."""
+"""One sensor process; --url isa:0x260 for instance."""
 
 from __future__ import annotations
-
-import sys
 
 from services.bus import command
 from services.sensor_jr3 import settings
@@ -18,4 +16,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(command.run("sensor_jr3", main))
+    command.run("sensor_jr3", main)

@@ -44,4 +44,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(command.run("build_port", main))
+    command.run("build_port", main)

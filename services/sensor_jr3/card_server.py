@@ -7,11 +7,11 @@ Whoever can connect can command the card: keep it on a network of its own. It ho
 from __future__ import annotations
 
 import logging
-import sys
 import threading
 
 from services.bus import command
 from services.bus.stop_flag import StopFlag
+from services.rules.command_line import Parser
 from services.sensor_jr3.settings import address
 from services.sensor_jr3.transports import open_card
 from services.sensor_jr3.word_server import WordServer
@@ -19,7 +19,7 @@ from services.sensor_jr3.word_server import WordServer
 
 def main() -> None:
     """Parse the command line, serve, stop on a signal."""
-    parser = command.Parser(prog="python -m services.sensor_jr3.card_server", description=__doc__)
+    parser = Parser(prog="python -m services.sensor_jr3.card_server", description=__doc__)
     parser.add_argument("url", help="the card, such as isa:0x260")
     parser.add_argument("--listen", default="127.0.0.1:7460", metavar="HOST:PORT", help="default: 127.0.0.1:7460")
     arguments = parser.parse_args()
@@ -35,4 +35,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(command.run("card_server", main))
+    command.run("card_server", main)

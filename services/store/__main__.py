@@ -1,8 +1,7 @@
-"""``python -m services.store``: the queryable store of one cell."""
+"""The queryable store of one cell: checkpoints and journal."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 from services.bus import command
@@ -14,7 +13,7 @@ def main() -> None:
     """Parse the command line and serve."""
     keep = RetentionSettings()
     parser = command.parser("store", __doc__)
-    parser.add_argument("--file", type=Path, default=Path("store.sqlite"), help="SQLite file (default: store.sqlite)")
+    parser.add_argument("--file", type=Path, default=Path("store.sqlite"), help="SQLite file")
     parser.add_argument("--keep-checkpoints", type=int, default=keep.checkpoints, help="newest checkpoints per worker")
     parser.add_argument("--keep-episodes", type=int, default=keep.journal_episodes, help="journal episodes per run")
     parser.add_argument("--keep-runs", type=int, default=keep.runs, help="newest runs")
@@ -28,4 +27,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(command.run("store", main))
+    command.run("store", main)

@@ -1,8 +1,6 @@
-"""``python -m services.task``: one insertion task."""
+"""One insertion task."""
 
 from __future__ import annotations
-
-import sys
 
 from services.bus import command
 from services.rules.swaps import SPEC, SPEC_HELP, planned
@@ -16,7 +14,7 @@ def main() -> None:
     parser.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file of the definition")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
     parser.add_argument("--swap", action="append", default=[], metavar=SPEC, help=SPEC_HELP)
-    parser.add_argument("--seed", type=int, default=0, help="seed of the run, from 0 (default: 0)")
+    parser.add_argument("--seed", type=int, default=0, help="seed of the run, from 0")
     parser.add_argument("--episodes", type=int, help="length of the run (default: the definition's)")
     arguments = parser.parse_args()
     definition = load(arguments.experiment, arguments.set)
@@ -27,4 +25,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(command.run("task", main))
+    command.run("task", main)

@@ -1,39 +1,39 @@
-"""``python -m services.viewer``: streams a cell to Rerun viewers, on this machine or another."""
+"""Streams a cell to Rerun viewers, on this machine or another."""
 
 from __future__ import annotations
 
-import argparse
-import sys
 from pathlib import Path
 
 from services.bus import command
-from services.viewer.service import Settings, serve
+from services.rules.command_line import whole
 
 
 def main() -> None:
     """Parse the command line and serve."""
+    from services.viewer.service import Settings, serve  # here: a missing extra is one line
+
     default = Settings()
     parser = command.parser("viewer", __doc__)
     parser.add_argument("--bind", default=default.bind, metavar="ADDRESS", help="address to listen on (default: all)")
-    parser.add_argument("--port", type=int, default=default.port, help="0 for any free one (default: 9876)")
+    parser.add_argument("--port", type=whole(0, 65535), default=default.port, help="0 for any free one")
     parser.add_argument(
         "--memory-limit",
         default=default.memory_limit,
         metavar="SIZE",
-        help="how much of the past viewers that attach later get to see (default: 256MB)",
+        help="how much of the past viewers that attach later get to see",
     )
     parser.add_argument("--save", type=Path, metavar="FILE", help="record to a .rrd file as well")
     parser.add_argument(
         "--web-port",
-        type=int,
+        type=whole(0, 65535),
         default=default.web_port,
         metavar="PORT",
-        help="port of the page for browsers, 0 for any free one (default: 9090)",
+        help="port of the page for browsers, 0 for any free one",
     )
     parser.add_argument("--no-web", action="store_true", help="serve no page for browsers")
     parser.add_argument(
         "--advertise-port",
-        type=_port,
+        type=whole(1, 65535),
         metavar="PORT",
         help="port that the page sends browsers to, where --port is published as another one (default: --port)",
     )
@@ -57,11 +57,5 @@ def main() -> None:
     serve(command.options(chosen), settings)
 
 
-def _port(text: str) -> int:
-    if not (text.isascii() and text.isdigit() and 1 <= int(text) <= 65535):
-        raise argparse.ArgumentTypeError(f"expected a port from 1 to 65535, got {text!r}")
-    return int(text)
-
-
 if __name__ == "__main__":
-    sys.exit(command.run("viewer", main))
+    command.run("viewer", main)

@@ -7,7 +7,6 @@ import importlib.util
 import os
 import re
 import subprocess
-import sys
 import threading
 import urllib.request
 import zlib
@@ -15,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from services.bus.command import DIE_WITH_PARENT
+from services.rules.command_line import python
 from services.wire.errors import CellError
 
 KINDS = {
@@ -70,7 +70,7 @@ class Assets:
 
 def fetch() -> dict[str, Asset]:
     """Return all files of the page; takes about a second. Raises CellError when Rerun does not give them."""
-    command = [sys.executable, "-c", _LAUNCH, str(_program()), "--serve-web", "--bind", "127.0.0.1"]
+    command = python("-c", _LAUNCH, str(_program()), "--serve-web", "--bind", "127.0.0.1")
     # With an address to look at it serves the page alone, without a stream of its own; nothing connects to it.
     command += ["--web-viewer-port", "0", "rerun+http://127.0.0.1:1/proxy"]
     environment = {**os.environ, "NO_COLOR": "1", DIE_WITH_PARENT: str(os.getpid())}

@@ -23,7 +23,10 @@ A command prints such an error as one line and exits with status 2.
 
 from __future__ import annotations
 
-from services.wire.messages import Reason
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # a command that has only begun knows its errors, and not yet all messages
+    from services.wire.messages import Reason
 
 
 class TreenailError(Exception):

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import argparse
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from services.rules import plugins, swaps
+from services.rules import command_line, plugins, swaps
 from services.rules import skill as skill_file
+from services.rules.command_line import Parser, whole
 from services.wire import definition_file
-from services.wire.errors import TreenailError
 from services.wire.randomness import MAX_SEED
 
 PROGRAM = "treenail experiment"
-EXIT_ERROR, EXIT_INTERRUPTED = 2, 130
 _OUT = "runs/experiments/<name>-<first 8 digits of the definition's hash>"
 
 _RUN_TEXT = "Writes summary.json, episodes.csv, definition.toml and four figures. A seed that fails ends all, status 2."
@@ -23,21 +21,13 @@ _RUN_TEXT = "Writes summary.json, episodes.csv, definition.toml and four figures
 
 def main(words: Sequence[str] | None = None) -> int:
     """Do what the command line (or ``words`` in its place) says and return the exit status."""
-    arguments = _parser().parse_args(words)
-    try:
-        status: int = arguments.command(arguments)
-        sys.stdout.flush()
-        return status
-    except TreenailError as error:
-        print(f"{PROGRAM}: {error}", file=sys.stderr)
-        return EXIT_ERROR
-    except KeyboardInterrupt:
-        print(f"{PROGRAM}: interrupted, no results written", file=sys.stderr)
-        return EXIT_INTERRUPTED
-    except BrokenPipeError:
-        # Whoever read our output has gone; without this the interpreter would complain on its way out.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 0
+    interrupted = "interrupted, no results written"
+    return command_line.run(PROGRAM, lambda: _act(_parser().parse_args(words)), interrupted=interrupted)
+
+
+def _act(arguments: argparse.Namespace) -> int:
+    status: int = arguments.command(arguments)
+    return status
 
 
 def _run(arguments: argparse.Namespace) -> int:
@@ -101,7 +91,7 @@ def _plot(arguments: argparse.Namespace) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog=PROGRAM, description=__doc__)
+    parser = Parser(prog=PROGRAM, description=__doc__)
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     _add_run(commands.add_parser("run", help="run an experiment over several seeds", description=_RUN_TEXT))
     add = commands.add_parser("list", help="list the experiments that come with Treenail")
@@ -117,14 +107,14 @@ def _parser() -> argparse.ArgumentParser:
 
 def _add_run(run: argparse.ArgumentParser) -> None:
     _add_definition(run)
-    run.add_argument("--episodes", type=_positive, metavar="N", help="length of each run (default: the definition's)")
+    run.add_argument("--episodes", type=whole(), metavar="N", help="length of each run (default: the definition's)")
     which = run.add_mutually_exclusive_group()
-    which.add_argument("--seeds", type=_positive, default=1, metavar="K", help="run seeds 0 to K-1 (default: 1)")
+    which.add_argument("--seeds", type=whole(), default=1, metavar="K", help="run seeds 0 to K-1 (default: 1)")
     which.add_argument("--seed-list", type=_seed_list, metavar="A,B,...", help="run these seeds")
     run.add_argument("--skill", type=Path, metavar="FILE", help="begin with a skill from `treenail checkpoint export`")
     run.add_argument("--swap", action="append", default=[], metavar=swaps.SPEC, help=swaps.SPEC_HELP)
     run.add_argument("--out", type=Path, metavar="DIR", help=f"where results go (default: {_OUT})")
-    run.add_argument("--jobs", type=_positive, metavar="J", help="seeds run at a time (default: one per core)")
+    run.add_argument("--jobs", type=whole(), metavar="J", help="seeds run at a time (default: one per core)")
     run.add_argument("--force", action="store_true", help="replace results of another definition")
     run.set_defaults(command=_run)
 
@@ -140,25 +130,10 @@ def _add_definition(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _positive(text: str) -> int:
-    try:
-        number = int(text)
-    except ValueError:
-        number = 0
-    if number < 1:
-        raise argparse.ArgumentTypeError(f"expected a whole number from 1, got {text!r}")
-    return number
-
-
 def _seed_list(text: str) -> list[int]:
-    try:
-        seeds = [int(part) for part in text.split(",")]
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"expected whole numbers with commas, such as 3,5,8, got {text!r}") from None
+    seeds = [whole(0, MAX_SEED)(part) for part in text.split(",")]
     if len(set(seeds)) != len(seeds):
         raise argparse.ArgumentTypeError(f"expected every seed once, got {text!r}")
-    if not all(0 <= seed <= MAX_SEED for seed in seeds):
-        raise argparse.ArgumentTypeError(f"expected seeds from 0 to {MAX_SEED}, got {text!r}")
     return seeds
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import sys
 
 import zenoh
 
@@ -18,6 +17,7 @@ from services.robot_link.emulator.server import Server, Text
 from services.robot_link.emulator.supervisory import SupervisoryController
 from services.robot_link.emulator.world_arm import World, WorldArm
 from services.robot_link.settings import SettingError
+from services.rules.command_line import Parser
 from services.wire.keys import Keys
 
 LOG = logging.getLogger("robot-emulator")
@@ -27,7 +27,7 @@ START = (420.0, 150.0, 80.0, 30.0, 170.0, -20.0)
 
 def main() -> None:
     """Parse the command line, serve, stop on a signal."""
-    made = command.Parser(prog="python -m services.robot_link.emulator", description=__doc__)
+    made = Parser(prog="python -m services.robot_link.emulator", description=__doc__)
     usual = Behaviour()
     made.add_argument("--listen", default="127.0.0.1:0", metavar="HOST:PORT", help="port 0: a free one, printed")
     made.add_argument("--pty", action="store_true", help="on a pseudo terminal instead, its name is printed")
@@ -88,4 +88,4 @@ def _address(text: str) -> tuple[str, int]:
 
 
 if __name__ == "__main__":
-    sys.exit(command.run("robot-emulator", main))
+    command.run("robot-emulator", main)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import logging
-import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +14,7 @@ from services.bus import command
 from services.bus.answers import ft_vector
 from services.bus.session import open_client
 from services.bus.stop_flag import StopFlag
+from services.rules.command_line import Parser
 from services.sensor_jr3.card import SettingError
 from services.sensor_jr3.emulator.card import EmulatedCard
 from services.sensor_jr3.emulator.dsp import Dsp, Sensor
@@ -56,7 +56,7 @@ def main() -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    made = command.Parser(prog="python -m services.sensor_jr3.emulator", description=__doc__)
+    made = Parser(prog="python -m services.sensor_jr3.emulator", description=__doc__)
     made.add_argument("--listen", default="127.0.0.1:0", metavar="HOST:PORT", help="port 0: a free one, printed")
     felt = made.add_mutually_exclusive_group()
     felt.add_argument("--load", metavar="FX,FY,FZ,MX,MY,MZ", help="a constant load [N, N m] (default: none)")
@@ -100,4 +100,4 @@ def _load(text: str) -> Load:
 
 
 if __name__ == "__main__":
-    sys.exit(command.run("jr3-emulator", main))
+    command.run("jr3-emulator", main)

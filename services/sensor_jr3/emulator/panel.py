@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import sys
-
 from services.bus import command
+from services.rules.command_line import Parser
 from services.sensor_jr3.card import SettingError
 from services.sensor_jr3.emulator.faults import FAULTS
 from services.sensor_jr3.tcp import TcpCard
@@ -24,7 +23,7 @@ def press(url: str, name: str, value: int) -> None:
 
 def main() -> None:
     """Parse the command line and press."""
-    parser = command.Parser(
+    parser = Parser(
         prog="python -m services.sensor_jr3.emulator.panel",
         description="; ".join(f"{name} {meaning}" for name, (_, meaning) in FAULTS.items()),
     )
@@ -36,4 +35,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    sys.exit(command.run("jr3-panel", main))
+    command.run("jr3-panel", main)

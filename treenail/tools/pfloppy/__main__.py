@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import signal
 import sys
+from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 
-from services.bus.command import EXIT_ERROR, Parser
 from services.robot_link import serial_line
-from services.wire.errors import TreenailError
+from services.rules import command_line
+from services.rules.command_line import Parser
 from treenail.tools.pfloppy.disk_errors import DiskError
 from treenail.tools.pfloppy.folder import Folder, FolderError
 from treenail.tools.pfloppy.layout import NAME, NAME_RULE
@@ -22,27 +24,26 @@ from treenail.tools.pfloppy.serving import serve
 from treenail.tools.pfloppy.volume import Volume
 
 
-def main(words: list[str] | None = None) -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Serve until told to stop; return the exit status."""
+    return command_line.run("treenail pfloppy", lambda: _act(words))
+
+
+def _act(words: Sequence[str] | None) -> int:
     parser = _parser()
     arguments = parser.parse_args(words)
     if not NAME.fullmatch(arguments.system):
         parser.error(f"--system: expected {NAME_RULE}, got {arguments.system!r}")
     signal.signal(signal.SIGTERM, _stop)
-    try:
-        protocol = find(arguments.protocol)
-        volumes = [_volume(path, arguments.system, arguments.read_only) for path in arguments.folders]
-        line = serial_line.line_of(arguments)
-        line.open()
-        _say(f"{arguments.protocol}: {protocol.summary}")
-        _say("never yet run on hardware")
-        _say(f"{line.url} {line.settings}: {_units(arguments.folders)}; end with Ctrl-C")
+    protocol = find(arguments.protocol)
+    volumes = [_volume(path, arguments.system, arguments.read_only) for path in arguments.folders]
+    line = serial_line.line_of(arguments)
+    line.open()
+    _say(f"{arguments.protocol}: {protocol.summary}")
+    _say("never yet run on hardware")
+    _say(f"{line.url} {line.settings}: {_units(arguments.folders)}; end with Ctrl-C")
+    with suppress(KeyboardInterrupt):  # it serves until then
         serve(line, protocol(volumes), _say)
-    except TreenailError as error:
-        print(f"treenail pfloppy: {error}", file=sys.stderr)
-        return EXIT_ERROR
-    except KeyboardInterrupt:
-        pass
     return 0
 
 

@@ -13,14 +13,14 @@ The commands' names are those of the thesis and of early drafts of VAL; how VAL 
 
 from __future__ import annotations
 
-import argparse
 import sys
 from pathlib import Path
 from typing import TypeVar
 
-from services.bus.command import EXIT_ERROR, Parser
 from services.robot_link import serial_line
 from services.robot_link.serial_line import Line
+from services.rules import command_line
+from services.rules.command_line import Parser, RawHelp
 from services.wire.errors import TreenailError
 from treenail.tools.pfloppy.client import Directory, FloppyClient, FloppyError, Talk
 
@@ -56,9 +56,11 @@ def talk(operation: Talk[T], line: Line, patience_s: float) -> T:
 
 def main() -> int:
     """Do one command; return the exit status."""
-    parser = Parser(
-        prog="floppy", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter, allow_abbrev=False
-    )
+    return command_line.run("floppy", _act)
+
+
+def _act() -> None:
+    parser = Parser(prog="floppy", description=__doc__, formatter_class=RawHelp, allow_abbrev=False)
     serial_line.add_arguments(parser)
     parser.add_argument("command", metavar="COMMAND", type=str.upper, choices=tuple(WORDS), help="see above")
     parser.add_argument("words", metavar="WORD", nargs="*", help="names and files")
@@ -73,20 +75,18 @@ def main() -> int:
     try:
         line.open()
         client = FloppyClient(arguments.unit, arguments.mrsp)
-        printed = talk(_act(arguments.command, arguments.words, client), line, arguments.patience)
+        printed = talk(_operation(arguments.command, arguments.words, client), line, arguments.patience)
         if len(arguments.words) > 1 and arguments.command == "LOAD":
             Path(arguments.words[1]).write_bytes(printed)
         else:
             sys.stdout.buffer.write(printed)
-    except (TreenailError, OSError) as error:
-        print(f"floppy: {error}", file=sys.stderr)
-        return EXIT_ERROR
+    except OSError as error:
+        raise TreenailError(str(error)) from error
     finally:
         line.close()
-    return 0
 
 
-def _act(command: str, words: list[str], client: FloppyClient) -> Talk[bytes]:
+def _operation(command: str, words: list[str], client: FloppyClient) -> Talk[bytes]:
     """Do one command; the value is what to print."""
     names = [word.upper() for word in words]
     if command == "BOOT":

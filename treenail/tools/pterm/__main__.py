@@ -9,12 +9,14 @@ from __future__ import annotations
 import re
 import signal
 import sys
+from collections.abc import Sequence
 from contextlib import ExitStack
 from io import FileIO
 from pathlib import Path
 
-from services.bus.command import EXIT_ERROR, Parser
 from services.robot_link import serial_line
+from services.rules import command_line
+from services.rules.command_line import Parser
 from services.wire.errors import TreenailError
 from treenail.tools.pterm.prompt import ERROR, PROMPT, PromptWatch
 from treenail.tools.pterm.script import Script
@@ -27,10 +29,14 @@ class FileError(TreenailError):
     """A file of the command line that cannot be used."""
 
 
-def main() -> int:
+def main(words: Sequence[str] | None = None) -> int:
     """Work as a terminal; return the exit status."""
+    return command_line.run("treenail pterm", lambda: _act(words), interrupted=None)
+
+
+def _act(words: Sequence[str] | None) -> int:
     parser = _parser()
-    arguments = parser.parse_args()
+    arguments = parser.parse_args(words)
     for option in ("prompt", "error"):
         try:
             re.compile(getattr(arguments, option))
@@ -47,26 +53,20 @@ def main() -> int:
     line = serial_line.line_of(arguments)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, ends_by_signal)
-    try:
-        with ExitStack() as stack:
-            for text in _lines(arguments.send):
-                script.add(text)
-            log = _log(arguments.log, stack)
-            line.open()
-            stack.callback(line.close)
-            stack.enter_context(keyboard(sys.stdin.fileno(), options.edit))
-            terminal = Terminal(line, script, keys, options, sys.stdin.fileno(), log)
-            terminal.notice(f"{line.url} {line.settings}" + ("; quit with Ctrl-]" if interactive else ""))
+    with ExitStack() as stack:
+        for text in _lines(arguments.send):
+            script.add(text)
+        log = _log(arguments.log, stack)
+        line.open()
+        stack.callback(line.close)
+        stack.enter_context(keyboard(sys.stdin.fileno(), options.edit))
+        terminal = Terminal(line, script, keys, options, sys.stdin.fileno(), log)
+        terminal.notice(f"{line.url} {line.settings}" + ("; quit with Ctrl-]" if interactive else ""))
+        try:
             return terminal.run()
-    except TreenailError as error:
-        print(f"treenail pterm: {error}", file=sys.stderr)
-        return EXIT_ERROR
-    except OSError as error:
-        print(f"treenail pterm: standard output: {error.strerror}", file=sys.stderr)
-        sys.stdout = None  # or Python would complain again at its end
-        return EXIT_ERROR
-    except KeyboardInterrupt:
-        return 130
+        except OSError as error:
+            sys.stdout = None  # or Python would complain again at its end
+            raise FileError(f"standard output: {error.strerror}") from error
 
 
 def _parser() -> Parser:
