@@ -1,13 +1,15 @@
-# Treenail: `make sim` shows a peg learn its hole, `make test` runs all tests; both set up what they need in .venv.
+# Treenail: `make sim` shows a peg learn its hole, `make test` checks and tests it; both set up what they need in .venv.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
 VENV := .venv
 BIN := $(VENV)/bin
 ARGS ?=
+# A worker for each core, but not for each of many.
+PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 8 --durations 15
 
-.PHONY: help setup sim reproduce chaos test check fuzz lock docs clean
+.PHONY: help setup sim reproduce chaos test test-all check fuzz lock docs clean
 
 help:  ## show this
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
 setup: $(VENV)/ready  ## make .venv from the pinned requirements.lock
 
@@ -28,14 +30,17 @@ reproduce: setup  ## the thesis's tables and figures anew, as report/index.html;
 chaos: setup  ## kill a learning cell's processes 500 times, and more, and compare; ARGS="--kills 20" for a short one
 	@exec $(BIN)/treenail chaos run --kills 500 $(ARGS)
 
-check: setup  ## formatting, lint, types, import contracts
+check: setup  ## formatting, lint, types (of the tests too), import contracts
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-test: check  ## everything: check, then all tests; ARGS="-k art2"
-	$(BIN)/pytest $(ARGS)
+test: check  ## check, then all that is quick, and one real cell of each kind; ARGS="-k art2" goes to pytest
+	$(PYTEST) --dist worksteal $(ARGS)
+
+test-all: test  ## test, then all the rest: every test that starts processes (containers: see CONTRIBUTING.md)
+	$(PYTEST) --dist loadfile -o testpaths=tests/system --ignore tests/system/smoke $(ARGS)
 
 fuzz: setup  ## a million hostile inputs for all that reads, then 20000 for a living cell; ARGS="--inputs 50000"
 	$(BIN)/python -m experiments.fuzz $(ARGS)

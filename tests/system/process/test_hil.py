@@ -63,19 +63,6 @@ def test_any_process_of_it_may_be_killed(
     assert digests_in(tmp_path / "A") == reference(LONG, 1, *FULL_SCALES)
 
 
-def test_a_sensor_that_is_read_in_counts_is_left_as_it_is(
-    up_hil: Callable[..., Any],
-    reference: Callable[..., dict[str, str]],
-    digests_in: Callable[[Path], dict[str, str]],
-    tmp_path: Path,
-) -> None:
-    coarse = ("sensor.full_scale_n=65", "sensor.full_scale_dnm=50")
-    process = up_hil(*(word for item in coarse for word in ("--set", item)), episodes=4)
-    assert process.end() == 0, process.err
-    assert "the sensor is read in counts" not in process.out
-    assert digests_in(tmp_path / "A") == reference(4, 1, *coarse)
-
-
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [

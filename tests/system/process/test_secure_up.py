@@ -41,27 +41,6 @@ def after_secured_actions(certs: Path, wait_until: Callable[..., None]) -> Calla
     return wait
 
 
-def test_a_secured_cell_ends_as_the_run_in_one_process(
-    up: Callable[..., Any],
-    certs: Path,
-    reference: Callable[..., dict[str, str]],
-    digests_in: Callable[[Path], dict[str, str]],
-    endpoint_of: Callable[[Path], str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    # What says who we are in this terminal is not for the services.
-    monkeypatch.setenv("TREENAIL_CERTS", str(certs / "guest"))
-    out = tmp_path / "A"
-    process = up(out, EPISODES, "--certs", str(certs))
-    endpoint = endpoint_of(out)
-    assert process.end() == 0, process.err
-    assert process.err == ""
-    assert digests_in(out) == reference(EPISODES)
-    assert f"listening on {endpoint} (mutual TLS, access control)" in (out / "logs" / "router.log").read_text()
-    assert endpoint.startswith("tls/127.0.0.1:")
-
-
 @pytest.mark.parametrize("victim", ["agent", "router"])
 def test_a_process_killed_in_a_secured_cell_changes_nothing(
     up: Callable[..., Any],

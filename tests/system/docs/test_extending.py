@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 PAGE = (ROOT / "docs" / "extending.md").read_text()
 FILES = re.findall(r"^`([\w.]+)`\n\n```\w+\n(.*?)```", PAGE, re.DOTALL | re.MULTILINE)
 SETTINGS = [word for word in re.findall(r"--set \S+", PAGE.split("treenail up sim")[1].splitlines()[0])]

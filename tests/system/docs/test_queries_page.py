@@ -15,7 +15,7 @@ import zenoh
 
 from services.wire.keys import CONTRACT
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PAGE = (ROOT / "docs" / "queries.md").read_text()
 SCRIPTS = ("ask_policy", "read_journal", "who_is_there")
 EXCHANGE = re.compile(r"^`(treenail/\S+)`\n\n```json\n(.*?)```$", re.MULTILINE | re.DOTALL)
