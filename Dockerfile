@@ -1,42 +1,52 @@
 # One image a service: docker build --build-arg SERVICE=agent -t treenail/agent .
 # SERVICE is router, store, task, classifier, agent, sim, viewer, sensor_jr3 or robot_link; cli is the treenail command with
-# all that it can ask.
+# all that it can ask. docker build --target front -t treenail/front . is what stands in front of the viewer.
+
+# Rerun's server takes pictures from whoever reaches it; this one passes on what reads, and nothing else.
+FROM debian:bookworm-slim AS front
+RUN apt-get update \
+    && apt-get install -y --no-install-recommends nginx \
+    && apt-get clean && rm -rf /var/lib/apt/lists/*
+COPY containers/front.conf containers/front.sh /etc/front/
+USER 10001:10001
+HEALTHCHECK --interval=5s --timeout=3s --start-period=60s --retries=3 CMD ["bash", "-c", "</dev/tcp/127.0.0.1/9090"]
+ENTRYPOINT ["sh", "/etc/front/front.sh"]
 
 FROM debian:bookworm-slim AS python
 RUN apt-get update \
     && apt-get install -y --no-install-recommends python3 \
     && apt-get clean && rm -rf /var/lib/apt/lists/*
 
-# The wheels of requirements.lock, checked by hash, once for all services.
-FROM python AS wheels
+FROM python AS build
 RUN apt-get update \
     && apt-get install -y --no-install-recommends g++ python3-dev python3-venv \
     && apt-get clean && rm -rf /var/lib/apt/lists/*
 RUN python3 -m venv /build
 WORKDIR /build
-ENV PIP_DISABLE_PIP_VERSION_CHECK=1
-COPY requirements.lock .
-RUN bin/pip download --quiet --no-cache-dir --require-hashes -r requirements.lock -d wheels
-ENV PIP_NO_INDEX=1 PIP_FIND_LINKS=/build/wheels
-# ART2's arithmetic as machine code: the image of the classifier is two thirds smaller without the compiler.
-RUN bin/pip install --quiet --upgrade setuptools numba
-COPY services/classifier/art2_kernel.py services/classifier/compile_kernel.py services/classifier/
-RUN bin/python -m services.classifier.compile_kernel /build/compiled
+ENV PIP_DISABLE_PIP_VERSION_CHECK=1 PIP_NO_CACHE_DIR=1
+COPY pyproject.toml requirements.lock containers/needs.py ./
+RUN awk '/^[a-z]/ {wanted = /^setuptools==/} wanted' requirements.lock >builder.txt \
+    && bin/pip install --quiet --require-hashes -r builder.txt
 
-# What one service needs, and nothing else: the extra of its name in pyproject.toml.
-FROM wheels AS installed
+# What one service needs, and nothing else: the extra of its name in pyproject.toml, as the lock pins it, checked by hash.
+FROM build AS installed
 ARG SERVICE
-COPY pyproject.toml .
-RUN python3 -c "import tomllib; project = tomllib.load(open('pyproject.toml', 'rb'))['project']; \
-needs = project['dependencies'] + project['optional-dependencies'].get('$SERVICE', []); \
-print(*(need for need in needs if not need.startswith('numba')), sep='\n')" > needs.txt \
+RUN python3 needs.py "$SERVICE" numba >needs.txt \
     && python3 -m venv --without-pip /opt/treenail \
-    && bin/pip --python /opt/treenail/bin/python install --quiet -r needs.txt \
+    && bin/pip --python /opt/treenail/bin/python install --quiet --require-hashes -r needs.txt \
     && find /opt/treenail -depth -type d -name tests -exec rm -r {} +
+# ART2's arithmetic as machine code: the image of the classifier is two thirds smaller without the compiler.
+COPY services/classifier/art2_kernel.py services/classifier/compile_kernel.py services/classifier/
+RUN mkdir compiled \
+    && case "$SERVICE" in classifier|cli) \
+        python3 needs.py classifier >compiler.txt \
+        && bin/pip install --quiet --require-hashes -r compiler.txt \
+        && bin/python -m services.classifier.compile_kernel /build/compiled;; \
+    esac
 COPY services services
 COPY experiments experiments
 COPY treenail treenail
-RUN cp compiled/art2_machine_code*.so services/classifier/ \
+RUN find compiled -name '*.so' -exec cp {} services/classifier/ \; \
     && bin/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist . \
     && bin/pip --python /opt/treenail/bin/python install --quiet --no-deps dist/treenail-*.whl
 

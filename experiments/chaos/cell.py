@@ -151,7 +151,7 @@ class ChaosCell:
         sides = ("--near", self.plan.endpoint, "--far", self._far_endpoint)
         which = ("--service", service, "--cell", self.plan.cell, "--seed", str(self.plan.seed))
         environment = {**os.environ, **self._environment, "PYTHONUNBUFFERED": "1"}
-        with self._log.open("wb") as log:
+        with self._log.open("ab") as log:
             self._tap = subprocess.Popen(
                 module_command("experiments.chaos.tap", *sides, *which),
                 stdin=subprocess.PIPE,

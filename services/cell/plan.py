@@ -45,6 +45,14 @@ class Viewer:
         return f"rerun+http://{self.host}:{self.port}/proxy"
 
     @property
+    def for_whom(self) -> str:
+        """Return who can watch, for the line that says where."""
+        if self.bind in ("0.0.0.0", "::"):
+            return "open to the network"
+        local = self.bind == "::1" or self.bind.startswith("127.")
+        return "this machine only; --viewer-bind opens it" if local else f"at {self.bind} only"
+
+    @property
     def page(self) -> str | None:
         """Return the page for browsers."""
         return None if self.web_port is None else f"http://{self.host}:{self.web_port}"

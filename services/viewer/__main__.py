@@ -14,7 +14,7 @@ def main() -> None:
 
     default = Settings()
     parser = command.parser("viewer", __doc__)
-    parser.add_argument("--bind", default=default.bind, metavar="ADDRESS", help="address to listen on (default: all)")
+    parser.add_argument("--bind", default=default.bind, metavar="ADDRESS", help="address to listen on")
     parser.add_argument("--port", type=whole(0, 65535), default=default.port, help="0 for any free one")
     parser.add_argument(
         "--memory-limit",
@@ -22,7 +22,12 @@ def main() -> None:
         metavar="SIZE",
         help="how much of the past viewers that attach later get to see",
     )
-    parser.add_argument("--save", type=Path, metavar="FILE", help="record to a .rrd file as well")
+    parser.add_argument(
+        "--save",
+        type=Path,
+        metavar="FILE",
+        help="record to a .rrd file as well; when it is there, to FILE.1.rrd and so on",
+    )
     parser.add_argument(
         "--web-port",
         type=whole(0, 65535),
@@ -31,19 +36,6 @@ def main() -> None:
         help="port of the page for browsers, 0 for any free one",
     )
     parser.add_argument("--no-web", action="store_true", help="serve no page for browsers")
-    parser.add_argument(
-        "--advertise-port",
-        type=whole(1, 65535),
-        metavar="PORT",
-        help="port that the page sends browsers to, where --port is published as another one (default: --port)",
-    )
-    parser.add_argument(
-        "--allow-origin",
-        action="append",
-        default=[],
-        metavar="PATTERN",
-        help="let pages from elsewhere read the stream, as https://cell.example or http://*:8080; may be repeated",
-    )
     chosen = parser.parse_args()
     settings = Settings(
         bind=chosen.bind,
@@ -51,8 +43,6 @@ def main() -> None:
         memory_limit=chosen.memory_limit,
         save=chosen.save,
         web_port=None if chosen.no_web else chosen.web_port,
-        advertise_port=chosen.advertise_port,
-        allow_origins=tuple(chosen.allow_origin),
     )
     serve(command.options(chosen), settings)
 

@@ -11,6 +11,8 @@ from services.wire.errors import TreenailError
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,252}")
 _PORT = re.compile(r"[0-9]{1,5}")
 _MOST_PARAMETERS = 20
+HTTP_PORT = 80
+"""What a browser means when it names no port."""
 
 SETTINGS = {"theme": "dark", "hide_welcome_screen": "1"}
 """Parameters of Rerun's page, unless the browser says otherwise; the colours of the curves are made for the dark."""
@@ -20,8 +22,8 @@ class BadRequestError(TreenailError):
     """A browser, or what passes for one, asked for something that cannot be."""
 
 
-def host_of(header: str) -> str:
-    """Return the host of a Host header, ready for a URL: a name, an IPv4 address, or an IPv6 address in brackets.
+def place_of(header: str) -> str:
+    """Return what a Host header names, ready for a URL: HOST:PORT with a name, an IPv4 or a bracketed IPv6 address.
 
     Raises BadRequestError for anything else: what comes back from here goes into an address that a browser follows.
     """
@@ -40,7 +42,7 @@ def host_of(header: str) -> str:
             raise _bad(header)
     if colon and not (colon == ":" and _PORT.fullmatch(port)):
         raise _bad(header)
-    return host
+    return f"{host}:{port or HTTP_PORT}"
 
 
 def bracketed(address: str) -> str:
@@ -48,8 +50,8 @@ def bracketed(address: str) -> str:
     return f"[{address.partition('%')[0]}]" if ":" in address else address
 
 
-def location(host: str, port: int, query: str) -> str | None:
-    """Return where a browser must go to see the stream at ``host``:``port``; None when ``query`` says it already.
+def location(place: str, query: str) -> str | None:
+    """Return where a browser must go to see the stream at ``place``, HOST:PORT; None when ``query`` says it already.
 
     Raises BadRequestError for a query that is none.
     """
@@ -60,7 +62,7 @@ def location(host: str, port: int, query: str) -> str | None:
     names = {name for name, _ in asked}
     if "url" in names:
         return None
-    added = [("url", f"rerun+http://{host}:{port}/proxy")]
+    added = [("url", f"rerun+http://{place}/proxy")]
     added += [(name, value) for name, value in SETTINGS.items() if name not in names]
     return "/?" + urlencode(added + asked)
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import hashlib
+import http.client
 import importlib.util
 import os
 import re
 import subprocess
 import threading
-import urllib.request
 import zlib
 from dataclasses import dataclass
+from http import HTTPStatus
 from pathlib import Path
 
 from services.bus.command import DIE_WITH_PARENT
@@ -25,11 +26,11 @@ KINDS = {
 }
 """What the page is made of."""
 
-GZIP = 16 + zlib.MAX_WBITS
-"""Makes zlib write and read gzip's format."""
+_GZIP = 16 + zlib.MAX_WBITS
+"""Makes zlib write gzip's format."""
 _CHUNK = 1 << 18
 _PATIENCE_S = 20.0
-_ADDRESS = re.compile(r"Hosting a web-viewer at (http://127\.0\.0\.1:[0-9]+)")
+_ADDRESS = re.compile(r"Hosting a web-viewer at http://127\.0\.0\.1:([0-9]+)")
 # Rerun's server has no lifeline of its own: it would outlive a viewer that is killed meanwhile.
 _LAUNCH = (
     "import os, sys; from services.bus.command import die_with_parent; die_with_parent(); "
@@ -86,9 +87,9 @@ def fetch() -> dict[str, Asset]:
         for said in process.stdout:
             found = _ADDRESS.search(said)
             if found:
-                return {path: _pack(found[1] + path, kind) for path, kind in KINDS.items()}
+                return {path: _pack(int(found[1]), path, kind) for path, kind in KINDS.items()}
         raise CellError(f"viewer: web page: expected Rerun to serve it, got: {said.strip() or 'nothing'}")
-    except OSError as error:
+    except (OSError, http.client.HTTPException) as error:
         raise CellError(f"viewer: web page: cannot be had from Rerun: {error}") from error
     finally:
         overdue.cancel()
@@ -107,13 +108,21 @@ def _program() -> Path:
     raise CellError("viewer: web page: expected the program of rerun-sdk, found none")
 
 
-def _pack(url: str, kind: str) -> Asset:
-    packer, digest = zlib.compressobj(level=1, wbits=GZIP), hashlib.sha256()
+def _pack(port: int, path: str, kind: str) -> Asset:
+    packer, digest = zlib.compressobj(level=1, wbits=_GZIP), hashlib.sha256()
     packed, size = bytearray(), 0
-    with urllib.request.urlopen(url, timeout=_PATIENCE_S) as answer:
+    # This asks the address itself: no proxy that the environment names has a part in what stays on this machine.
+    client = http.client.HTTPConnection("127.0.0.1", port, timeout=_PATIENCE_S)
+    try:
+        client.request("GET", path)
+        answer = client.getresponse()
+        if answer.status != HTTPStatus.OK:
+            raise CellError(f"viewer: web page: expected Rerun to have {path}, got {answer.status} {answer.reason}")
         while chunk := answer.read(_CHUNK):
             digest.update(chunk)
             packed += packer.compress(chunk)
             size += len(chunk)
+    finally:
+        client.close()
     packed += packer.flush()
     return Asset(kind, bytes(packed), size, f'"{digest.hexdigest()[:32]}"')

@@ -34,6 +34,9 @@ from services.wire.messages import (
 
 M = TypeVar("M", bound=Message)
 
+LOOPBACK = "127.0.0.1"
+EVERYWHERE = {"0.0.0.0": LOOPBACK, "::": "::1"}
+"""Addresses that stand for all of a machine, and how it calls itself then."""
 SEND_EVERY_S = 0.2
 """Larger pieces let the same memory hold more of the past: a piece costs about 1 kB by itself."""
 ASK_EVERY_S = 1.0
@@ -47,20 +50,16 @@ _REPLIES = 16
 class Settings:
     """Where the viewer serves, and what it keeps."""
 
-    bind: str = "0.0.0.0"
-    """Address to listen on for Rerun viewers; there is no authentication."""
+    bind: str = LOOPBACK
+    """Address to listen on. Whoever reaches ``port`` may also add to the picture: Rerun asks nobody who he is."""
     port: int = 9876
     """Port to listen on, 0 for any free one."""
     memory_limit: str = "256MB"
     """How much of the past is kept for viewers that attach later."""
     save: Path | None = None
-    """File to record to as well."""
+    """File to record to as well; when it is there already, its next piece."""
     web_port: int | None = 9090
     """Port of the page for browsers, 0 for any free one; None for no page."""
-    advertise_port: int | None = None
-    """Port under which browsers reach ``port``, where it is published as another one; None for the same."""
-    allow_origins: tuple[str, ...] = ()
-    """From where a page may read the stream beside our own, as ``https://cell.example``; ``*`` stands for anything."""
 
 
 def serve(options: Options, settings: Settings) -> None:
@@ -69,27 +68,26 @@ def serve(options: Options, settings: Settings) -> None:
         service.claim()
         with ExitStack() as open_now:
             page = None if settings.web_port is None else WebServer(settings.bind, settings.web_port)
-            origins = list(settings.allow_origins)
             if page is not None:
                 open_now.callback(page.stop)
-                # Whatever name this machine has where the browser is: by the port it is our page.
-                origins.append(f"http://*:{page.port}")
-            stream = Stream(settings.bind, settings.port, settings.memory_limit, settings.save, origins)
+            stream = Stream(settings.bind, settings.port, settings.memory_limit, settings.save)
             open_now.callback(stream.close)
             shell = ViewerShell(service, stream)
             service.ready()
             service.log.info("watch with: %s", invitation("rerun rerun+http", settings.bind, stream.port, "/proxy"))
             if page is not None:
-                page.start(settings.advertise_port or stream.port)
+                page.start(EVERYWHERE.get(settings.bind, settings.bind), stream.port)
                 service.log.info("or in a browser: %s", invitation("http", settings.bind, page.port))
+            if stream.recording is not None:
+                service.log.info("recording to %s", stream.recording)
             shell.loop()
 
 
 def invitation(start: str, bind: str, port: int, end: str = "") -> str:
     """Return an address that can be connected to, between ``start`` and ``end``."""
-    if bind not in ("0.0.0.0", "::"):
+    if bind not in EVERYWHERE:
         return f"{start}://{bracketed(bind)}:{port}{end}"
-    return f"{start}://127.0.0.1:{port}{end} (elsewhere with this machine's address for 127.0.0.1)"
+    return f"{start}://{LOOPBACK}:{port}{end} (elsewhere with this machine's address for {LOOPBACK})"
 
 
 class Inlet(Generic[M]):

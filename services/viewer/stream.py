@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +12,7 @@ from services.bus import ports
 from services.viewer import colours, layout, record, shapes
 from services.viewer.address import bracketed
 from services.viewer.decimate import Nanoseconds
+from services.viewer.recording import new_piece
 from services.wire.definition import Definition
 from services.wire.errors import CellError
 
@@ -22,16 +22,17 @@ _SIZE = re.compile(r"^[1-9][0-9]{0,8}(MB|GB|MiB|GiB)$")
 class Stream:
     """One recording, served and, when asked for, saved."""
 
-    def __init__(self, bind: str, port: int, memory_limit: str, save: Path | None, origins: Sequence[str] = ()) -> None:
-        """Serve on ``bind``:``port`` (0 for any free port), keeping the newest ``memory_limit`` (as "256MB") of data.
+    def __init__(self, bind: str, port: int, memory_limit: str, save: Path | None) -> None:
+        """Serve on ``bind``:``port`` (0 for any free port), keeping the newest ``memory_limit`` (as "16MB") of data.
 
-        Pages of this machine may read it, and those from ``origins`` (as "http://*:9090").
+        ``save`` is recorded to as well, or what ``new_piece`` makes of it.
 
         Raises CellError when the port is taken, the file cannot be written, or the limit is no size.
         """
         if not _SIZE.match(memory_limit):
-            raise CellError(f"viewer: memory limit: expected a size such as 256MB or 1GiB, got {memory_limit!r}")
+            raise CellError(f"viewer: memory limit: expected a size such as 16MB or 1GiB, got {memory_limit!r}")
         self.port = free_port(bind, port)
+        self.recording: Path | None = None
         sinks: list[rr.GrpcServerSink | rr.FileSink] = []
         try:
             server = rr.GrpcServerSink(
@@ -39,13 +40,12 @@ class Stream:
                 port=self.port,
                 server_memory_limit=memory_limit,
                 newest_first=True,
-                cors_allow_origin=list(origins),
             )
             sinks.append(server)
             if save is not None:
-                save.touch()  # Rerun opens it later, and its data would have nowhere to go
                 # Without a footer: it would keep something of each chunk in memory until the end of the run.
-                sinks.append(rr.FileSink(save, write_footer=False))
+                self.recording = new_piece(save)
+                sinks.append(rr.FileSink(self.recording, write_footer=False))
             self._recording = rr.RecordingStream(layout.APPLICATION)
             self._recording.set_sinks(*sinks, default_blueprint=layout.blueprint())
         except (OSError, RuntimeError, ValueError) as error:

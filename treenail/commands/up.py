@@ -63,7 +63,7 @@ def _say_what_is_started(plan: Plan, given: int, reporter: Reporter) -> None:
     if added := plan.overrides[given:]:
         reporter.say(f"the sensor is read in counts, as a receiver card gives them: --set {' --set '.join(added)}")
     if plan.viewer is not None:
-        reporter.say(f"watch it live: rerun {plan.viewer.url}")
+        reporter.say(f"watch it live: rerun {plan.viewer.url} ({plan.viewer.for_whom})")
     if plan.viewer is not None and plan.viewer.page is not None:
         reporter.say(f"or in a browser: {plan.viewer.page}")
 

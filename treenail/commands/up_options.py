@@ -36,7 +36,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--port", type=int, default=7447, help="the router's port on 127.0.0.1, 0 for a free one")
     parser.add_argument("--viewer-port", type=int, default=9876, help="port for Rerun viewers, 0 for a free one")
-    parser.add_argument("--viewer-bind", default="0.0.0.0", help="address for Rerun viewers (default: all)")
+    parser.add_argument(
+        "--viewer-bind",
+        default="127.0.0.1",
+        metavar="ADDRESS",
+        help="address to watch at (default: 127.0.0.1, this machine only; 0.0.0.0 lets others watch, and draw)",
+    )
     parser.add_argument(
         "--web-port",
         type=int,
