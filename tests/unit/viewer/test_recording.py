@@ -39,5 +39,5 @@ def test_two_that_start_at_once_get_two(tmp_path: Path) -> None:
 @pytest.mark.parametrize("place", ["missing/run.rrd", "file/run.rrd", "run\0.rrd", "x" * 300])
 def test_where_nothing_can_be_written_it_is_said(tmp_path: Path, place: str) -> None:
     (tmp_path / "file").touch()
-    with pytest.raises(CellError, match="^viewer: --save .*cannot be written: "):
+    with pytest.raises(CellError, match=r"^viewer: --save .*cannot be written: "):
         new_piece(tmp_path / place)
