@@ -25,6 +25,7 @@ from services.wire.definition import Definition, Start
 from services.wire.definition_file import load, run_id
 from services.wire.errors import TreenailError
 from services.wire.messages import EpisodeSummary, Observation, Outcome
+from services.wire.text import decode, number
 
 THESIS_VECTORS = 20224
 """As many as the thesis recorded (4.5.2)."""
@@ -156,23 +157,23 @@ def read_executions(path: Path) -> list[Execution]:
     DataError for a file that cannot be read or is empty, and for the first line that is wrong.
     """
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = decode(path.read_bytes()).splitlines()
     except FileNotFoundError:
         raise DataError(f"{path}: expected a data file, got none") from None
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "it is no text"
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
         raise DataError(f"{path}: cannot be read: {reason}") from error
     done: list[Execution] = []
     begun = 0  # line of the last label
-    for number, words in enumerate((line.split() for line in lines), start=1):
+    for line, words in enumerate((text.split() for text in lines), start=1):
         if len(words) == 1 and words[0][0].isalpha() and words[0].lower() not in ("nan", "inf", "infinity"):
             _check_length(path, begun, done)
             done.append(Execution(words[0], []))
-            begun = number
+            begun = line
         elif words and not done:
-            raise DataError(f"{path}:{number}: expected the label of an execution first, got {' '.join(words)[:40]!r}")
+            raise DataError(f"{path}:{line}: expected the label of an execution first, got {' '.join(words)[:40]!r}")
         elif words:
-            done[-1].samples.append(_vector(path, number, words))
+            done[-1].samples.append(_vector(path, line, words))
     if not done:
         raise DataError(f"{path}: expected executions, got an empty file")
     _check_length(path, begun, done)
@@ -192,10 +193,8 @@ def _vector(path: Path, line: int, words: list[str]) -> Vector:
     values = []
     for name, word in zip(COLUMNS, words, strict=True):
         try:
-            values.append(float(word))
-        except ValueError:
-            raise DataError(f"{path}:{line}: {name}: expected a number, got {word[:40]!r}") from None
-        if not math.isfinite(values[-1]):
-            raise DataError(f"{path}:{line}: {name}: expected a finite number, got {word}")
+            values.append(number(word))
+        except ValueError as error:
+            raise DataError(f"{path}:{line}: {name}: {error}") from None
     fx, fy, fz, tx, ty, tz = values
     return (fx, fy, fz, tx, ty, tz)

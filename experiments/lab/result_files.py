@@ -22,6 +22,8 @@ from services.wire.definition import Definition
 from services.wire.definition_file import run_id_of
 from services.wire.errors import TreenailError
 from services.wire.messages import EpisodeSummary
+from services.wire.randomness import MAX_SEED
+from services.wire.text import decode, whole
 
 SUMMARY = "summary.json"
 EPISODES = "episodes.csv"
@@ -135,11 +137,10 @@ def episodes_csv(experiment: str, definition_sha256: str, runs: Sequence[RunResu
 def read_episodes(path: Path) -> EpisodeTable:
     """Read an ``episodes.csv``. Raises ResultsError with file and line for anything that does not fit."""
     try:
-        text = path.read_text("utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        reason = error.strerror if isinstance(error, OSError) else "expected UTF-8 text"
+        lines = decode(path.read_bytes()).splitlines()
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else error
         raise ResultsError(f"{path}: cannot be read: {reason}") from error
-    lines = text.splitlines()
     head = list(itertools.takewhile(lambda line: line.startswith("#"), lines))
     told = dict(line.removeprefix("# ").split(": ", 1) for line in head if ": " in line)
     for key in ("experiment", "definition_sha256"):
@@ -152,6 +153,8 @@ def read_episodes(path: Path) -> EpisodeTable:
         raise ResultsError(f"{path}:{len(head) + 1}: expected columns {expected}, got {got or 'none'}")
     episodes: dict[int, list[EpisodeSummary]] = {}
     for row in rows:
+        if not row:
+            continue  # a blank line, as at the end of what an editor has saved
         try:
             seed, summary = _from_row(row, told["definition_sha256"])
         except ValueError as error:
@@ -168,7 +171,7 @@ def _from_row(row: Sequence[str], definition_sha256: str) -> tuple[int, EpisodeS
     """Return seed and summary of one row. Raises ValueError (of which msgspec's ValidationError is one)."""
     if len(row) != len(COLUMNS) + 1:
         raise ValueError(f"expected {len(COLUMNS) + 1} values, got {len(row)}")
-    seed = int(row[0])
+    seed = whole(row[0], 0, MAX_SEED)
     fields = dict(zip(COLUMNS.values(), row[1:], strict=True))
     run = run_id_of(definition_sha256, seed)
     return seed, msgspec.convert({"run": run, **fields}, EpisodeSummary, strict=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
@@ -15,11 +14,9 @@ from services.wire.codec import decode, encode, encode_json, encoding_of
 from services.wire.errors import BadPayloadError, RefusedError, TreenailError
 from services.wire.message_base import LARGEST_COMPONENT
 from services.wire.messages import Force, Message, Reason, Refusal, Torque
-from services.wire.text import one_line
+from services.wire.text import numbers, one_line
 
 M = TypeVar("M", bound=Message)
-
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -139,16 +136,13 @@ def ft_vector(text: str) -> tuple[Force, Torque]:
 
     It is six numbers from -1e5 to 1e5 with commas between, not all of them 0.
     """
-    words = [word.strip() for word in text.split(",")]
-    expected = "ft: expected six numbers fx,fy,fz,tx,ty,tz [N, N m], as in ?ft=0.2,0,-1.5,0,0.02,0"
-    if len(words) != 6:
-        raise BadPayloadError(f"{expected}, got {len(words) if text.strip() else 'none'}: {text[:100]!r}")
-    for word in words:
-        if not _NUMBER.fullmatch(word):
-            raise BadPayloadError(f"{expected}, got {word[:20]!r} among them")
-        if not abs(float(word)) <= LARGEST_COMPONENT:
-            raise BadPayloadError(f"ft: expected numbers from -1e5 to 1e5, got {word[:20]}")
-    fx, fy, fz, tx, ty, tz = (float(word) for word in words)
+    try:
+        fx, fy, fz, tx, ty, tz = vector = numbers(text, 6)
+    except ValueError as error:
+        expected = "ft: expected six numbers fx,fy,fz,tx,ty,tz [N, N m], as in ?ft=0.2,0,-1.5,0,0.02,0"
+        raise BadPayloadError(f"{expected}; {error}") from None
+    if max(map(abs, vector)) > LARGEST_COMPONENT:
+        raise BadPayloadError(f"ft: expected numbers from -1e5 to 1e5, got {text[:100]!r}")
     if math.hypot(fx, fy, fz, tx, ty, tz) == 0.0:
         raise BadPayloadError("ft: expected a vector with a direction, got six zeros")
     return (fx, fy, fz), (tx, ty, tz)

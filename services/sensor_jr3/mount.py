@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from services.sensor_jr3.card import SettingError
 from services.wire.messages import Force, Torque
+from services.wire.text import numbers
 
 Matrix = tuple[Force, Force, Force]
 
@@ -53,13 +54,11 @@ class Mount:
 def parse(text: str, negate: bool) -> Mount:
     """Return the mounting in six numbers with commas between, ``x,y,z,rx,ry,rz`` [mm, deg]. Raises SettingError."""
     try:
-        numbers = [float(word) for word in text.split(",")]
-    except ValueError:
-        numbers = []
-    sound = len(numbers) == 6 and all(abs(one) <= 1000.0 for one in numbers[:3])
-    if not (sound and all(abs(one) <= 360.0 for one in numbers[3:])):
+        x, y, z, rx, ry, rz = numbers(text, 6)
+    except ValueError as error:
+        raise SettingError(f"mount: expected x,y,z,rx,ry,rz [mm, deg]; {error}") from None
+    if max(abs(x), abs(y), abs(z)) > 1000.0 or max(abs(rx), abs(ry), abs(rz)) > 360.0:
         raise SettingError(f"mount: expected x,y,z,rx,ry,rz of at most 1000 mm and 360 deg, got {text[:80]!r}")
-    x, y, z, rx, ry, rz = numbers
     return Mount(x, y, z, rx, ry, rz, negate)
 
 

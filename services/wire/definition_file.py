@@ -21,7 +21,7 @@ from services.wire.definition import Definition
 from services.wire.definition_rules import contradiction
 from services.wire.errors import DefinitionError, TreenailError
 from services.wire.randomness import MAX_SEED
-from services.wire.text import one_line
+from services.wire.text import decode, one_line
 
 _TABLE = re.compile(r"^\s*\[([A-Za-z0-9_.\s]+)\]")
 _KEY = re.compile(r"^\s*([A-Za-z0-9_.]+)\s*=")
@@ -70,9 +70,9 @@ def load(name_or_path: str, overrides: Iterable[str] = ()) -> Definition:
 def parse(raw: bytes, source: str, overrides: Iterable[str] = ()) -> Definition:
     """Return the checked definition in the bytes of a TOML file; ``source`` names it in errors."""
     try:
-        text = raw.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise DefinitionError(f"{source}: expected UTF-8 text: {error}") from error
+        text = decode(raw)
+    except ValueError as error:
+        raise DefinitionError(f"{source}: {error}") from error
     fields = _toml(text, source)
     places = {key: f"{source}:{line}" for key, line in _lines(text).items()}
     for override in overrides:

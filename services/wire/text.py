@@ -1,6 +1,52 @@
-"""Text that came from elsewhere, made fit for a log, a terminal or an error of one line."""
+"""Text that came from elsewhere: read as what it says, or made fit for a log, a terminal or an error of one line."""
 
 from __future__ import annotations
+
+import math
+import re
+
+_NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_WHOLE = re.compile(r"[+-]?[0-9]{1,20}")
+
+
+def number(text: str) -> float:
+    """Return the number that a text is, such as ``-1.5`` or ``2e3``, blanks around it aside. Raises ValueError.
+
+    Python would read more: ``1_0``, digits of other scripts, ``nan`` and ``inf`` are most often something gone wrong.
+    """
+    plain = text.strip(" \t")
+    value = float(plain) if _NUMBER.fullmatch(plain) else math.nan
+    if not math.isfinite(value):
+        raise ValueError(f"expected a number, such as -1.5, got {one_line(text, 40)!r}")
+    return value
+
+
+def numbers(text: str, count: int) -> tuple[float, ...]:
+    """Return so many numbers with commas between. Raises ValueError."""
+    words = text.split(",")
+    if len(words) != count:
+        got = len(words) if text.strip() else "none"
+        raise ValueError(f"expected {count} numbers with commas between, got {got}: {one_line(text, 80)!r}")
+    return tuple(map(number, words))
+
+
+def whole(text: str, least: int, most: int) -> int:
+    """Return the whole number from ``least`` to ``most`` that a text is, blanks around it aside. Raises ValueError."""
+    plain = text.strip(" \t")
+    if not (_WHOLE.fullmatch(plain) and least <= int(plain) <= most):
+        raise ValueError(f"expected a whole number from {least} to {most}, got {one_line(text, 40)!r}")
+    return int(plain)
+
+
+def decode(raw: bytes) -> str:
+    """Return the text in a file, without the byte order mark that some editors begin it with.
+
+    Raises ValueError when it is not UTF-8.
+    """
+    try:
+        return raw.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise ValueError(f"expected UTF-8 text: byte {error.start} is {raw[error.start]:#04x}") from None
 
 
 def one_line(text: str, most: int = 300) -> str:

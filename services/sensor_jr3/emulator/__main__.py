@@ -11,7 +11,6 @@ from pathlib import Path
 import zenoh
 
 from services.bus import command
-from services.bus.answers import ft_vector
 from services.bus.session import open_client
 from services.bus.stop_flag import StopFlag
 from services.rules.command_line import Parser
@@ -22,8 +21,9 @@ from services.sensor_jr3.emulator.follow import Follower
 from services.sensor_jr3.emulator.loads import Load, recording
 from services.sensor_jr3.settings import address, whole_numbers
 from services.sensor_jr3.word_server import WordServer
-from services.wire.errors import ContractError
 from services.wire.keys import Keys
+from services.wire.message_base import LARGEST_COMPONENT
+from services.wire.text import numbers
 
 LOG = logging.getLogger("jr3-emulator")
 
@@ -37,7 +37,7 @@ def main() -> None:
         load_at = recording(arguments.recording).at
     card = EmulatedCard(Dsp(_sensor(arguments)), load_at)
     if arguments.load is not None:
-        card.set_load(_load(arguments.load))
+        card.set_load(constant_load(arguments.load))
     stop = StopFlag()
     session: zenoh.Session | None = None
     if arguments.follow is not None:
@@ -91,12 +91,15 @@ def _sensor(arguments: argparse.Namespace) -> Sensor:
     )
 
 
-def _load(text: str) -> Load:
+def constant_load(text: str) -> Load:
+    """Return the load that a text names. Raises SettingError."""
     try:
-        force_n, torque_nm = ft_vector(text)
-    except ContractError as error:
-        raise SettingError(f"--load: {error}") from None
-    return (*force_n, *torque_nm)
+        fx, fy, fz, mx, my, mz = load = numbers(text, 6)
+    except ValueError as error:
+        raise SettingError(f"--load: expected FX,FY,FZ,MX,MY,MZ [N, N m], as in 0,0,-2,0,0.02,0; {error}") from None
+    if max(map(abs, load)) > LARGEST_COMPONENT:
+        raise SettingError(f"--load: expected numbers from -1e5 to 1e5, got {text[:100]!r}")
+    return fx, fy, fz, mx, my, mz
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from fractions import Fraction
 from pathlib import Path
 
 from services.sensor_jr3.card import SettingError
+from services.wire.text import decode, numbers
 
 Load = tuple[float, float, float, float, float, float]
 """Fx Fy Fz [N], Mx My Mz [N m]."""
@@ -109,9 +110,8 @@ class Recording:
 def recording(path: Path) -> Recording:
     """Return what a CSV file holds: the columns of COLUMNS, times from 0 on that rise. Raises SettingError."""
     try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.reader(file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        rows = list(csv.reader(decode(path.read_bytes()).splitlines()))
+    except (OSError, ValueError, csv.Error) as error:
         raise SettingError(f"{path}: cannot be read: {error}") from None
     if not rows or rows[0] != COLUMNS:
         raise SettingError(
@@ -119,14 +119,17 @@ def recording(path: Path) -> Recording:
         )
     times_s: list[float] = []
     loads: list[Load] = []
-    for number, row in enumerate(rows[1:], start=2):
+    for line, row in enumerate(rows[1:], start=2):
+        if not row:
+            continue  # a blank line, as at the end of what an editor has saved
         try:
-            t_s, *load = (float(word) for word in row)
-            sound = len(load) == 6 and all(math.isfinite(one) for one in (t_s, *load))
-        except ValueError:
-            sound = False
-        if not sound or t_s < (times_s[-1] if times_s else 0.0):
-            raise SettingError(f"{path}: line {number}: expected seven numbers, times that rise from 0, got {row}")
+            t_s, *load = numbers(",".join(row), len(COLUMNS))
+        except ValueError as error:
+            raise SettingError(f"{path}: line {line}: {error}") from None
+        if t_s < (times_s[-1] if times_s else 0.0):
+            raise SettingError(f"{path}: line {line}: expected times that rise from 0, got {row[0]}")
         times_s.append(t_s)
         loads.append((load[0], load[1], load[2], load[3], load[4], load[5]))
+    if not loads:
+        raise SettingError(f"{path}: expected a load below the columns' names, got none")
     return Recording(times_s, loads)

@@ -92,9 +92,9 @@ WRONG = {
     SAMPLE + NORMAL: ":1: expected the label of an execution first, got '-1 -1 63 -3 -1 0'",
     "normal\n1 2 3 4 5\n": ":2: expected 6 numbers (Fx Fy Fz Tx Ty Tz), got 5",
     "normal\n" + SAMPLE + "1 2 3 4 5 6 7\n": ":3: expected 6 numbers (Fx Fy Fz Tx Ty Tz), got 7",
-    "normal\n1 2 nan 4 5 6\n": ":2: Fz: expected a finite number, got nan",
-    "normal\n1 2 3 4 5 inf\n": ":2: Tz: expected a finite number, got inf",
-    "normal\n1 2 3 4 fünf 6\n": ":2: Ty: expected a number, got 'fünf'",
+    "normal\n1 2 nan 4 5 6\n": ":2: Fz: expected a number, such as -1.5, got 'nan'",
+    "normal\n1 2 3 4 5 inf\n": ":2: Tz: expected a number, such as -1.5, got 'inf'",
+    "normal\n1 2 3 4 fünf 6\n": ":2: Ty: expected a number, such as -1.5, got 'fünf'",
     "normal\nNaN\n": ":2: expected 6 numbers (Fx Fy Fz Tx Ty Tz), got 1",
     NORMAL + "normal\n" + 14 * SAMPLE: ":17: expected 15 samples of execution 'normal', got 14",
     NORMAL + SAMPLE + "ok\n" + 15 * SAMPLE: ":1: expected 15 samples of execution 'normal', got 16",
@@ -126,7 +126,7 @@ def _binary(path: Path) -> None:
     [
         (_nothing, "expected a data file, got none"),
         (Path.mkdir, "cannot be read: Is a directory"),
-        (_binary, "cannot be read: it is no text"),
+        (_binary, "cannot be read: expected UTF-8 text: byte 0 is 0xff"),
     ],
 )
 def test_a_file_that_cannot_be_read_is_named(tmp_path: Path, make: Callable[[Path], None], complaint: str) -> None:

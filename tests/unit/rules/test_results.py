@@ -182,6 +182,10 @@ def test_csv_says_what_it_holds() -> None:
         (",60,", ",", r"episodes\.csv:5: expected 11 values, got 10"),
         (",60,", ",-60,", r"episodes\.csv:5: Expected `int` >= 0"),
         ("mean_force_n,", "", r"episodes\.csv:4: expected columns seed,"),
+        ("\n7,0,", "\n0_7,0,", r"episodes\.csv:5: expected a whole number from 0 to"),
+        (",60,", ",6_0,", r"episodes\.csv:5: Expected `int`"),
+        (",60,", ",\u0666,", r"episodes\.csv:5: Expected `int`"),
+        (",-16.0,", ",1_6.0,", r"episodes\.csv:5: Expected `float`"),
         ("# experiment: by-hand\n", "", "expected a comment '# experiment: "),
         ("\n7,1,", "\n8,1,", "expected equally many episodes of every seed, got seed 7 2, seed 8 1"),
     ],
@@ -193,6 +197,13 @@ def test_spoilt_csv_is_refused_with_file_and_line(tmp_path: Path, old: str, new:
     path.write_text(text.replace(old, new, 1))
     with pytest.raises(ResultsError, match=complaint):
         result_files.read_episodes(path)
+
+
+def test_what_an_editor_adds_to_a_csv_is_passed_over(tmp_path: Path) -> None:
+    run = RunResult(7, (episode(0), episode(1)), DIGESTS)
+    path = tmp_path / "episodes.csv"
+    path.write_text(result_files.episodes_csv("by-hand", SHA256, [run]) + "\n", encoding="utf-8-sig")
+    assert [summary.episode for summary in result_files.read_episodes(path).episodes[7]] == [0, 1]
 
 
 def test_results_of_another_definition_stay(tmp_path: Path) -> None:

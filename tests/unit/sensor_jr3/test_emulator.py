@@ -13,6 +13,7 @@ import pytest
 import services.sensor_jr3.emulator.loads as loads_module
 from services.sensor_jr3 import memory_map as jr3
 from services.sensor_jr3.card import SettingError
+from services.sensor_jr3.emulator.__main__ import constant_load
 from services.sensor_jr3.emulator.loads import COLUMNS, recording, transformed
 
 FOLDER = Path(loads_module.__file__).parent
@@ -211,7 +212,8 @@ def test_links_move_turn_and_negate() -> None:
 
 def test_a_recording_is_played_and_its_last_line_holds(tmp_path: Path) -> None:
     file = tmp_path / "load.csv"
-    file.write_text(f"{','.join(COLUMNS)}\n0.5,1,0,0,0,0,0\n1.0,2,0,0,0,0,0.5\n")
+    text = f"{','.join(COLUMNS)}\n0.5,1,0,0,0,0,0\n1.0,2,0,0,0,0,0.5\n\n"
+    file.write_text(text, encoding="utf-8-sig")  # with the mark and the blank line of an editor
     played = recording(file)
     assert [played.at(t_s)[0] for t_s in (0.0, 0.5, 0.99, 1.0, 100.0)] == [0.0, 1.0, 1.0, 2.0, 2.0]
 
@@ -221,9 +223,11 @@ def test_a_recording_is_played_and_its_last_line_holds(tmp_path: Path) -> None:
     [
         ("", "line 1: expected t_s,fx_n"),
         ("a,b\n", "line 1: expected t_s,fx_n"),
-        (f"{','.join(COLUMNS)}\n0,1,2\n", "line 2: expected seven numbers"),
-        (f"{','.join(COLUMNS)}\n1,0,0,0,0,0,0\n0.5,0,0,0,0,0,0\n", "line 3: expected seven numbers, times that rise"),
+        (f"{','.join(COLUMNS)}\n0,1,2\n", "line 2: expected 7 numbers with commas between, got 3"),
+        (f"{','.join(COLUMNS)}\n1,0,0,0,0,0,0\n0.5,0,0,0,0,0,0\n", "line 3: expected times that rise from 0, got 0.5"),
         (f"{','.join(COLUMNS)}\n0,nan,0,0,0,0,0\n", "line 2"),
+        (f"{','.join(COLUMNS)}\n0,1_0,0,0,0,0,0\n", "line 2: expected a number, such as -1.5, got '1_0'"),
+        (f"{','.join(COLUMNS)}\n", "expected a load below the columns' names"),
     ],
 )
 def test_a_recording_that_cannot_be_played_is_refused(tmp_path: Path, text: str, message: str) -> None:
@@ -231,3 +235,11 @@ def test_a_recording_that_cannot_be_played_is_refused(tmp_path: Path, text: str,
     file.write_text(text)
     with pytest.raises(SettingError, match=message):
         recording(file)
+
+
+def test_a_constant_load_is_any_six_numbers() -> None:
+    assert constant_load("0,0,0,0,0,0") == (0.0,) * 6
+    assert constant_load("1,-2e1, .5,0,0,0") == (1.0, -20.0, 0.5, 0.0, 0.0, 0.0)
+    for text in ("0,0,0", "", "1_0,0,0,0,0,0", "nan,0,0,0,0,0", "1e6,0,0,0,0,0"):
+        with pytest.raises(SettingError, match=r"^--load: expected "):
+            constant_load(text)

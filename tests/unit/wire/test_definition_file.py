@@ -115,6 +115,12 @@ def test_text_that_is_no_utf8_is_refused(tmp_path: Path) -> None:
     assert refusal(str(path)).startswith(f"{path}: expected UTF-8 text: ")
 
 
+def test_a_byte_order_mark_is_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('name = "mine"\n', encoding="utf-8-sig")
+    assert definition_file.load(str(path)).name == "mine"
+
+
 def test_a_file_beyond_the_limit_is_refused(write: Write, monkeypatch: pytest.MonkeyPatch) -> None:
     path = write('name = "mine"\n')
     monkeypatch.setattr(definition_file, "_MAX_FILE_BYTES", 5)

@@ -95,7 +95,8 @@ def _lines(path: Path | None) -> list[str]:
     if path is None:
         return []
     try:
-        return path.read_text(encoding="latin-1").splitlines()
+        # A byte order mark, with which some editors begin a file, is no text for a controller.
+        return path.read_bytes().removeprefix(b"\xef\xbb\xbf").decode("latin-1").splitlines()
     except OSError as error:
         raise FileError(f"{path}: cannot be read: {error.strerror}") from error
 
