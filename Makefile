@@ -18,6 +18,8 @@ $(VENV)/ready: requirements.lock pyproject.toml
 	@$(PYTHON) -m venv $(VENV) || { echo "make: cannot make a virtual environment; on Debian: apt install python3-venv" >&2; exit 2; }
 	$(BIN)/pip install --quiet --disable-pip-version-check --require-hashes -r requirements.lock
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@case "$$($(BIN)/python -c 'import platform; print(platform.machine())')" in x86_64) ;; *) \
+	  echo "make: without the simulator, for which SAPIEN has wheels for x86_64 only; all else runs here, see README.md" ;; esac
 	@rm -rf *.egg-info # an old one here would hide the installed list of plug-ins
 	@touch $@
 

@@ -42,12 +42,15 @@ SILENT = -2
 
 
 def _compiled(function: Function) -> Function:
-    """Return the function as machine code: made ahead, or at the first call and kept in numba's cache directory."""
+    """Return the function as machine code: made ahead, or at the first call and kept where numba may write."""
     if machine_code is not None:
         return cast(Function, getattr(machine_code, function.__name__, function))
     from numba import njit
 
-    return cast(Function, njit(cache=True, fastmath=False)(function))
+    try:
+        return cast(Function, njit(cache=True, fastmath=False)(function))
+    except RuntimeError:  # neither beside this file nor at home, as in a read-only installation: compiled at each start
+        return cast(Function, njit(fastmath=False)(function))
 
 
 @_compiled

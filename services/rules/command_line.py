@@ -10,6 +10,7 @@ import difflib
 import errno
 import logging
 import os
+import platform
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
@@ -33,6 +34,7 @@ EXTRAS = {
     "rerun": "viewer",
     "sapien": "sim",
     "serial": "robot_link",
+    "tornado": "viewer",
 }
 """Modules of other packages, and the extra in pyproject.toml that installs each."""
 
@@ -167,6 +169,12 @@ def missing(error: ModuleNotFoundError) -> str:
     name = (error.name or "").partition(".")[0]
     if name not in EXTRAS:
         return f"expected the module {error.name}, which is not installed"
+    machine = platform.machine()
+    if name == "sapien" and machine != "x86_64":
+        return (
+            f"expected an x86_64 machine, the only kind that SAPIEN is made for, got {machine}; all but the simulator"
+            " runs here: start `treenail sim` on an x86_64 one with --connect to this one's router"
+        )
     return f"expected the module {name}, got none; install the extra: pip install '.[{EXTRAS[name]}]' in its checkout"
 
 

@@ -51,6 +51,7 @@ def blueprint() -> rrb.Blueprint:
         line_grid=rrb.LineGrid3D(visible=False),
         eye_controls=rrb.EyeControls3D(position=EYE_MM, look_target=(0.0, 0.0, 2.0), eye_up=(0.0, 0.0, -1.0)),
     )
+    about = rrb.TextDocumentView(origin=record.ABOUT, name="Experiment")
     felt = rrb.Vertical(
         _recent(record.FORCE, "Force on the peg [N], tool frame"),
         _recent(record.MAGNITUDE, "|F| [N]"),
@@ -87,7 +88,7 @@ def blueprint() -> rrb.Blueprint:
     )
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(scene, table, row_shares=[3, 2]),
+            rrb.Vertical(about, scene, table, row_shares=[2, 10, 8]),
             felt,
             learnt,
             column_shares=[6, 8, 7],

@@ -2,7 +2,8 @@
 
 Entities: ``wrist/force`` [N], ``wrist/torque`` [N m] and ``wrist/magnitude`` [N] carry what is felt; ``decision/*``
 what was decided in which state; ``progress/*`` one value an episode; ``log`` one line an episode; ``scene/*`` where
-the peg is; ``agent/*`` the action values. Time is when a message came, in nanoseconds since the viewer's start.
+the peg is; ``agent/*`` the action values; ``about`` which run it is. Time is when a message came, in nanoseconds since
+the viewer's start.
 """
 
 from __future__ import annotations
@@ -40,6 +41,7 @@ RETURN = "progress/return"
 FAILURES = "progress/failures"
 RUN = "progress/run"
 LOG = "log"
+ABOUT = "about"
 PEG = "scene/peg"
 FLANGE = "scene/flange"
 
@@ -106,13 +108,25 @@ class Bars:
     """Episodes a bar."""
 
 
-Item = Series | Placement | Lines | Table | Bars
+@dataclass(frozen=True)
+class About:
+    """What is seen: which run, and how far it is."""
+
+    time_ns: int
+    text: str
+
+
+Item = Series | Placement | Lines | Table | Bars | About
 
 
 class Recorder:
     """Collects what came since the last ``flush`` and hands it out as columns."""
 
-    def __init__(self) -> None:
+    def __init__(self, cell: str = "a") -> None:
+        self._cell = cell
+        self._experiment: Experiment | None = None
+        self._done = 0
+        """Episodes of the run, as far as is known."""
         self.run: str | None = None
         """The run that the newest episode belongs to, or that the task said it runs."""
         self._limit_n = math.nan
@@ -133,6 +147,8 @@ class Recorder:
         """Take what runs: the collision limit, and whose episodes to average."""
         self._limit_n = experiment.definition.limits.collision_force_n
         self._follow(experiment.run)
+        self._experiment, self._done = experiment, max(self._done, experiment.episodes_done)
+        self._more = True
 
     def ft(self, packet: FtPacket) -> None:
         """Take F/T samples. Raises BadPayloadError when there are not as many torques as forces."""
@@ -159,6 +175,7 @@ class Recorder:
         self._follow(summary.run)
         progress = self._recent.take(summary)
         if progress is not None:
+            self._done = max(self._done, summary.episode + 1)
             self._episodes.append((summary, progress))
             self._history.take(summary.episode, summary.episode_return)
 
@@ -178,14 +195,22 @@ class Recorder:
             self._more, self._shown = True, None
         return items
 
-    def whole_run(self, time_ns: int) -> Bars | None:
-        """Return the run so far; None before the first episode, and while nothing came since the last time.
+    def whole_run(self, time_ns: int) -> list[Item]:
+        """Return the run so far: its name and its returns; nothing while nothing came since the last time.
 
         What is sent moves the time on the screens along: the plots of a cell that rests would run empty.
         """
         more, self._more = self._more, False
+        if not more:
+            return []
+        items: list[Item] = []
+        if self._experiment is not None:
+            episode = f"episode {self._done} of {max(self._experiment.episodes, self._done)}"
+            items.append(About(time_ns, f"{name(self._experiment, self._cell)}\n{episode}"))
         firsts, means, width = self._history.bars()
-        return Bars(RUN, time_ns, firsts, means, width) if more and len(firsts) else None
+        if len(firsts):
+            items.append(Bars(RUN, time_ns, firsts, means, width))
+        return items
 
     def table(self, answer: QTable, time_ns: int) -> Table | None:
         """Return the action values for showing; None while the agent knows no state, and while nothing changes.
@@ -212,6 +237,7 @@ class Recorder:
             self.run = run
             self._recent = Recent()
             self._history = History()
+            self._experiment, self._done = None, 0
 
     def _wrench_items(self, start_ns: int, end_ns: int) -> list[Series]:
         if not self._wrench:
@@ -257,6 +283,13 @@ class Recorder:
             Series(FAILURES, times, failures, numbers),
             Lines(LOG, times, numbers, texts, levels),
         ]
+
+
+def name(experiment: Experiment, cell: str) -> str:
+    """Return what a run is called: experiment, seed, cell; and how much of the experiment, when it is not all of it."""
+    whole = experiment.definition.episodes
+    quick = f", quick: {experiment.episodes} of {whole} episodes" if experiment.episodes < whole else ""
+    return f"{experiment.definition.name}, seed {experiment.seed}, cell {cell}{quick}"
 
 
 def line(summary: EpisodeSummary) -> str:

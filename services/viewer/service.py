@@ -37,8 +37,8 @@ M = TypeVar("M", bound=Message)
 LOOPBACK = "127.0.0.1"
 EVERYWHERE = {"0.0.0.0": LOOPBACK, "::": "::1"}
 """Addresses that stand for all of a machine, and how it calls itself then."""
-SEND_EVERY_S = 0.2
-"""Larger pieces let the same memory hold more of the past: a piece costs about 1 kB by itself."""
+SEND_EVERY_S = 0.4
+"""A browser takes in so many pieces a second, whatever is in them: who attaches late must not fall behind for long."""
 ASK_EVERY_S = 1.0
 RING = 4096
 """Messages of one key that may wait; when more come, the oldest are gone. Seconds of a cell at full speed."""
@@ -54,7 +54,7 @@ class Settings:
     """Address to listen on. Whoever reaches ``port`` may also add to the picture: Rerun asks nobody who he is."""
     port: int = 9876
     """Port to listen on, 0 for any free one."""
-    memory_limit: str = "256MB"
+    memory_limit: str = "4MB"
     """How much of the past is kept for viewers that attach later."""
     save: Path | None = None
     """File to record to as well; when it is there already, its next piece."""
@@ -145,12 +145,12 @@ class Question(Generic[M]):
 
 
 class ViewerShell:
-    """Moves what comes in to Rerun, five times a second."""
+    """Moves what comes in to Rerun, a few times a second."""
 
     def __init__(self, service: Service, stream: Stream) -> None:
         self._service = service
         self._stream = stream
-        self._recorder = recorder = record.Recorder()
+        self._recorder = recorder = record.Recorder(service.keys.cell)
         self._drains = (
             Inlet(service, FT, FtPacket, recorder.ft).drain,
             Inlet(service, STATE, State, recorder.state).drain,
@@ -183,7 +183,7 @@ class ViewerShell:
         if experiment is not None and experiment.run != self._service.run:
             self._service.run = experiment.run
             self._recorder.experiment(experiment)
-            self._stream.scene(experiment.definition)
+            self._stream.begin(record.name(experiment, self._service.keys.cell), experiment.definition)
         for item in self._recorder.flush(start_ns, end_ns):
             self._stream.send(item)
         self._show_table(end_ns)
@@ -204,6 +204,5 @@ class ViewerShell:
         self._q_table.ask()
         if self._service.run is None or self._service.run != self._recorder.run:
             self._experiment.ask()
-        bars = self._recorder.whole_run(now_ns)
-        if bars is not None:
-            self._stream.send(bars)
+        for item in self._recorder.whole_run(now_ns):
+            self._stream.send(item)

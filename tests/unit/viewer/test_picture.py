@@ -104,7 +104,15 @@ def test_the_layout_shows_every_entity_and_names_every_view() -> None:
     shown = views(layout.blueprint().root_container)
     origins = {str(view.origin).strip("/") for view in shown}
     recorded = {record.FORCE, record.TORQUE, record.MAGNITUDE, record.STATE, record.ACTION, record.REWARD}
-    assert origins == recorded | {record.RETURN, record.FAILURES, record.RUN, record.LOG, "scene", "agent"}
+    assert origins == recorded | {
+        record.RETURN,
+        record.FAILURES,
+        record.RUN,
+        record.LOG,
+        record.ABOUT,
+        "scene",
+        "agent",
+    }
     assert all(view.name for view in shown)
 
 

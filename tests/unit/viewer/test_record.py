@@ -9,7 +9,7 @@ import pytest
 from msgspec import structs
 
 from services.viewer import record
-from services.viewer.record import Bars, Item, Lines, Placement, Recorder, Series
+from services.viewer.record import About, Bars, Item, Lines, Placement, Recorder, Series
 from services.wire.definition import Definition, Limits
 from services.wire.errors import BadPayloadError
 from services.wire.messages import (
@@ -173,9 +173,21 @@ def test_another_run_starts_its_averages_and_its_curve_afresh() -> None:
     recorder.experiment(experiment("r2"))
     recorder.episode(summary(0, -10.0, run="r2"))
     assert series(recorder.flush(0, 50 * MS), record.RETURN).values[-1].tolist() == [-10.0, -10.0]
-    bars = recorder.whole_run(1)
-    assert bars is not None
+    about, bars = recorder.whole_run(1)
+    assert isinstance(about, About) and isinstance(bars, Bars)
     assert bars.values.tolist() == [-10.0]
+
+
+def test_what_is_seen_has_a_name() -> None:
+    recorder = Recorder("bench-2")
+    whole = structs.replace(experiment(), episodes=Definition(name="x").episodes)
+    for told, quick in ((whole, ""), (structs.replace(whole, episodes=20), ", quick: 20 of 2000 episodes")):
+        recorder.experiment(told)
+        recorder.episode(summary(told.episodes - 3))
+        (about,) = [item for item in recorder.whole_run(1) if isinstance(item, About)]
+        name = f"{told.definition.name}, seed {told.seed}, cell bench-2{quick}"
+        assert record.name(told, "bench-2") == name
+        assert about.text.startswith(f"{name}\nepisode {told.episodes - 2} of {told.episodes}") or quick
 
 
 def test_a_cell_that_rests_moves_no_time_along() -> None:
@@ -183,15 +195,15 @@ def test_a_cell_that_rests_moves_no_time_along() -> None:
     recorder.episode(summary(0))
     recorder.flush(0, 50 * MS)
     answer = q_table((-1.0, 0.0))
-    assert recorder.whole_run(1) is not None
+    assert recorder.whole_run(1)
     assert recorder.table(answer, 1) is not None
     assert recorder.flush(50 * MS, 100 * MS) == []
-    assert recorder.whole_run(2) is None
+    assert not recorder.whole_run(2)
     assert recorder.table(answer, 2) is None
     assert recorder.table(structs.replace(answer, decisions=2), 2) is not None, "what changes is shown"
     recorder.ft(packet((1.0, 0.0, 0.0)))
     recorder.flush(100 * MS, 150 * MS)
-    assert recorder.whole_run(3) is not None, "for those who attach later"
+    assert recorder.whole_run(3), "for those who attach later"
     assert recorder.table(answer, 3) is not None
 
 
@@ -231,12 +243,12 @@ def test_an_empty_q_table_is_not_shown() -> None:
 
 def test_a_run_of_any_length_fits_into_bounded_bars_of_equal_width() -> None:
     recorder = Recorder()
-    assert recorder.whole_run(0) is None
+    assert not recorder.whole_run(0)
     returns = np.random.default_rng(1).uniform(-100.0, 0.0, 1000)
     for number, value in enumerate(returns.tolist()):
         recorder.episode(summary(number, value))
     recorder.flush(0, 50 * MS)
-    bars = recorder.whole_run(3)
+    (bars,) = recorder.whole_run(3)
     assert isinstance(bars, Bars)
     assert (bars.time_ns, bars.width, len(bars.values)) == (3, 4, 250)
     assert bars.firsts.tolist() == list(range(0, 1000, 4))
