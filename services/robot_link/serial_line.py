@@ -67,10 +67,8 @@ class Line:
     def open(self) -> None:
         """Open the port for this process alone. Raises LineError."""
         self.close()
-        try:
-            import serial
-        except ImportError as error:
-            raise LineError(f"{self.url}: pyserial is not installed: pip install 'treenail[hardware]'") from error
+        import serial
+
         try:
             port = serial.serial_for_url(
                 self.url,

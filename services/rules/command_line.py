@@ -173,9 +173,12 @@ def missing(error: ModuleNotFoundError) -> str:
     if name == "sapien" and machine != "x86_64":
         return (
             f"expected an x86_64 machine, the only kind that SAPIEN is made for, got {machine}; all but the simulator"
-            " runs here: start `treenail sim` on an x86_64 one with --connect to this one's router"
+            " runs here: start treenail sim on an x86_64 one with --connect to this one's router"
         )
-    return f"expected the module {name}, got none; install the extra: pip install '.[{EXTRAS[name]}]' in its checkout"
+    extra = EXTRAS[name]
+    return (
+        f"expected the module {name}, got none; Treenail's extra {extra} has it: pip install '.[{extra}]' in its folder"
+    )
 
 
 def _failed(program: str, message: str) -> int:
