@@ -7,35 +7,39 @@ import multiprocessing
 import os
 import signal
 import threading
+import time
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import connection, resource_tracker
 from multiprocessing.process import BaseProcess
-from pathlib import Path
 from typing import Any, TypeAlias, TypeVar
 
 from services.bus.stop_flag import StopFlag
-from services.rules.command_line import safe_path
+from services.rules.command_line import missing, safe_path
 from services.wire.errors import TreenailError
 
 K = TypeVar("K")
 T = TypeVar("T")
-Tell: TypeAlias = Callable[[int], None]
-"""Tells the parent how far a piece is."""
+Tell: TypeAlias = Callable[[int], bool]
+"""Tells the parent how far a piece is; the answer is whether to go on, or to hand over what there is."""
 
 POLL_S = 0.2
 """How often Ctrl-C, and how far the pieces are, is looked for."""
 GRACE_S = 1.0
 """How long a process may take to end before it is killed."""
+HAND_OVER_S = 10.0
+"""How long pieces may take to hand over what they have, once they are told to stop."""
 _NOT_BEGUN = -1
 
 
 class PieceError(TreenailError):
-    """A piece failed; the message names it."""
+    """A piece failed; the message names it, ``trace`` is the traceback, empty where a process just ended."""
+
+    trace = ""
 
 
 @dataclass(frozen=True)
@@ -43,6 +47,11 @@ class _Failure:
     """What comes back in place of a result: an exception may be one that cannot be sent."""
 
     message: str
+    trace: str = ""
+
+
+class _Left:
+    """Comes back of a piece that was not begun when all was told to stop."""
 
 
 def usable_cores() -> int:
@@ -56,30 +65,33 @@ def spread(
     jobs: int,
     name: Callable[[K], str],
     advanced: Callable[[int, int], None] = lambda _index, _count: None,
+    *,
+    partly: bool = False,
 ) -> Iterator[tuple[int, T]]:
     """Yield (index into ``keys``, ``work(key, tell)``) as the pieces are finished, at most ``jobs`` at a time.
 
     ``work`` is a function at the top of a module. What it tells of a piece, and 0 when it begins, ``advanced`` hears
     now and then, after the piece's index. To be used from the main thread. Raises PieceError when a piece fails,
-    KeyboardInterrupt upon Ctrl-C or SIGTERM; all processes have ended by then. Of a parent that is killed outright
-    they end too.
+    KeyboardInterrupt upon Ctrl-C or SIGTERM; all processes have ended by then. With ``partly`` the pieces under way
+    are told to stop first, and what they have by then is yielded. Of a parent that is killed outright they end too.
     """
     if not keys:
         return
     context = multiprocessing.get_context("spawn")
     # Plain numbers in shared memory, one writer each: no lock that a process could take along when it dies.
     counts, owners = context.RawArray("q", [_NOT_BEGUN] * len(keys)), context.RawArray("q", len(keys))
-    heard = [_NOT_BEGUN] * len(keys)
+    stop = context.RawValue("b", 0)
+    heard, given_up_s = [_NOT_BEGUN] * len(keys), 0.0
 
-    def listen() -> None:
-        for index, count in enumerate(counts):
-            if count != heard[index]:
+    def listen(indices: Iterable[int]) -> None:
+        for index in indices:
+            if (count := counts[index]) != heard[index]:
                 if heard[index] == _NOT_BEGUN and count:
                     advanced(index, 0)
                 heard[index] = count
                 advanced(index, count)
 
-    pool = ProcessPoolExecutor(min(jobs, len(keys)), context, _begin, (counts, owners))
+    pool = ProcessPoolExecutor(min(jobs, len(keys)), context, _begin, (counts, owners, stop))
     others, processes, pending = set(multiprocessing.active_children()), list[BaseProcess](), dict[Future[Any], int]()
     with _interrupt_noted() as interrupted:
         try:
@@ -90,14 +102,22 @@ def spread(
             while pending:
                 done, _ = wait(pending, POLL_S, FIRST_COMPLETED)
                 if interrupted:
-                    raise KeyboardInterrupt
-                listen()
+                    given_up_s = given_up_s or time.monotonic() + HAND_OVER_S
+                    stop.value = 1
+                    has_some = any(counts[index] > 0 for index in pending.values())
+                    if not (partly and has_some and time.monotonic() < given_up_s):
+                        raise KeyboardInterrupt
                 for future in sorted(done, key=pending.__getitem__):
                     index, result = pending[future], future.result()
+                    listen([index])  # before those that have begun since
                     if isinstance(result, _Failure):
-                        raise PieceError(f"{name(keys[index])}: {result.message}")
+                        failed = PieceError(f"{name(keys[index])}: {result.message}")
+                        failed.trace = result.trace
+                        raise failed
                     del pending[future]
-                    yield index, result
+                    if not isinstance(result, _Left):
+                        yield index, result
+                listen(pending.values())
             if interrupted:  # while the last result was taken in
                 raise KeyboardInterrupt
         except BrokenProcessPool:
@@ -164,14 +184,14 @@ def _interrupt_blocked() -> Iterator[None]:
 
 # -- in the processes ------------------------------------------------------------------------------------------------
 
-_shared: tuple[Any, Any]
-"""How far each piece is, and the process id of who has it."""
+_shared: tuple[Any, Any, Any]
+"""How far each piece is, the process id of who has it, and whether all shall stop."""
 
 
-def _begin(counts: Any, owners: Any) -> None:
+def _begin(counts: Any, owners: Any, stop: Any) -> None:
     """Get ready for pieces: Python waits for them for ever, also when the parent is gone."""
     global _shared
-    _shared = counts, owners
+    _shared = counts, owners, stop
     parent = multiprocessing.parent_process()
     assert parent is not None
 
@@ -183,18 +203,23 @@ def _begin(counts: Any, owners: Any) -> None:
     gc.freeze()  # what is loaded by now stays, and need not be looked through again and again
 
 
-def _do(work: Callable[[K, Tell], T], index: int, key: K) -> T | _Failure:
-    counts, owners = _shared
+def _do(work: Callable[[K, Tell], T], index: int, key: K) -> T | _Failure | _Left:
+    counts, owners, stop = _shared
+    if stop.value:
+        return _Left()
     owners[index], counts[index] = os.getpid(), 0
 
-    def tell(count: int) -> None:
+    def tell(count: int) -> bool:
         counts[index] = count
+        return not stop.value
 
     try:
         return work(key, tell)
     except TreenailError as error:
-        return _Failure(" ".join(str(error).split()))
+        return _Failure(" ".join(str(error).split()), traceback.format_exc())
+    except ModuleNotFoundError as error:
+        return _Failure(missing(error), traceback.format_exc())
     except Exception as error:  # whatever it is, the parent has to name the piece
         place = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{Path(place.filename).name}, line {place.lineno}"
-        return _Failure(" ".join(f"{type(error).__name__}: {error} ({where})".split()))
+        where = f"{place.filename}:{place.lineno} in {place.name}"
+        return _Failure(" ".join(f"{type(error).__name__}: {error} ({where})".split()), traceback.format_exc())

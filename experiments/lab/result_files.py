@@ -1,4 +1,4 @@
-"""The folder of an experiment's results: ``definition.toml``, ``episodes.csv``, figures and ``summary.json``.
+"""The folder of an experiment's results: ``definition.toml``, ``episodes.csv``, figures, skills, ``summary.json``.
 
 ``summary.json`` is written last and in one stroke: where it is, everything else is there and belongs to it.
 """
@@ -11,13 +11,16 @@ import json
 import os
 import re
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 from services.rules.results import RunResult, Summary
+from services.rules.skill import NamedSkill, file_bytes
 from services.wire.definition import Definition
 from services.wire.definition_file import run_id_of
 from services.wire.errors import TreenailError
@@ -28,6 +31,7 @@ from services.wire.text import decode, whole
 SUMMARY = "summary.json"
 EPISODES = "episodes.csv"
 DEFINITION = "definition.toml"
+SKILL = "seed{}.skill"
 COLUMNS = {
     "episode": "episode",
     "outcome": "outcome",
@@ -93,20 +97,30 @@ def prepare(folder: Path, definition_sha256: str, force: bool = False) -> None:
 
 
 def write(
-    folder: Path, definition: Definition, summary: Summary, runs: Sequence[RunResult], figures: Mapping[str, bytes]
+    folder: Path,
+    definition: Definition,
+    summary: Summary,
+    runs: Sequence[RunResult],
+    figures: Mapping[str, bytes],
+    skills: Mapping[int, NamedSkill] | None = None,
 ) -> None:
-    """Write definition, episodes, figures (by file name) and summary over what is there. Raises ResultsError.
+    """Write definition, episodes, figures by file name, skills by seed, and summary over what is there.
 
-    An old ``summary.json`` goes first, so that it never stands beside episodes that are not its own.
+    An old ``summary.json`` goes first, so that it never stands beside episodes that are not its own. The definition
+    that is written is as long as the longest run. Raises ResultsError.
     """
+    ran = replace(definition, episodes=max(len(run.episodes) for run in runs))
     try:
         (folder / SUMMARY).unlink(missing_ok=True)
-        episodes = episodes_csv(summary["experiment"], summary["definition_sha256"], runs)
+        episodes = episodes_csv(runs)
         text = json.dumps(summary, indent=2, allow_nan=False)
         text = _NUMBERS.sub(lambda match: "[" + " ".join(match[1].split()) + "]", text) + "\n"
-        _replace(folder / DEFINITION, definition_toml(definition).encode())
+        _replace(folder / DEFINITION, definition_toml(ran).encode())
         _replace(folder / EPISODES, episodes.encode())
         _replace_all(folder, figures)
+        for old in folder.glob(SKILL.format("*")):
+            old.unlink()
+        _replace_all(folder, {SKILL.format(seed): file_bytes(skill) for seed, skill in (skills or {}).items()})
         _replace(folder / SUMMARY, text.encode())
     except OSError as error:
         raise ResultsError(f"{folder}: results cannot be written: {error.strerror}") from error
@@ -120,32 +134,44 @@ def write_figures(folder: Path, figures: Mapping[str, bytes]) -> None:
         raise ResultsError(f"{folder}: figures cannot be written: {error.strerror}") from error
 
 
-def episodes_csv(experiment: str, definition_sha256: str, runs: Sequence[RunResult]) -> str:
-    """Return the text of ``episodes.csv``: one row per seed and episode, numbers in full precision."""
-    lines = [
-        f"# experiment: {experiment}",
-        f"# definition_sha256: {definition_sha256}",
-        "# force in N, torque in N m: mean and peak of the magnitudes after each motion of an episode",
-        ",".join(("seed", *COLUMNS)),
-    ]
+def rows_of(runs: Sequence[RunResult]) -> Iterator[dict[str, str | int | float]]:
+    """Yield what ``episodes.csv`` holds: one row a seed and episode, by column.
+
+    Forces [N] and torques [N m] are mean and peak of the magnitudes after each motion of an episode.
+    """
     for run in runs:
         for summary in run.episodes:
-            lines.append(",".join((str(run.seed), *(str(getattr(summary, field)) for field in COLUMNS.values()))))
-    return "\n".join(lines) + "\n"
+            yield {"seed": run.seed, **{column: getattr(summary, field) for column, field in COLUMNS.items()}}
+
+
+def episodes_csv(runs: Sequence[RunResult]) -> str:
+    """Return the text of ``episodes.csv``: names of columns, then one row a seed and episode, in full precision."""
+    rows = [",".join(map(str, row.values())) for row in rows_of(runs)]
+    return "\n".join([",".join(("seed", *COLUMNS)), *rows]) + "\n"
+
+
+def in_step(episodes: Mapping[int, tuple[EpisodeSummary, ...]]) -> dict[int, tuple[EpisodeSummary, ...]]:
+    """Return as many episodes of every seed as the shortest has: all of them, unless the runs were interrupted."""
+    shortest = min(map(len, episodes.values()))
+    return {seed: of_seed[:shortest] for seed, of_seed in episodes.items()}
 
 
 def read_episodes(path: Path) -> EpisodeTable:
-    """Read an ``episodes.csv``. Raises ResultsError with file and line for anything that does not fit."""
+    """Read an ``episodes.csv`` and what the ``summary.json`` beside it says of all its rows.
+
+    Files of old have that in comments at their top. Raises ResultsError with file and line for what does not fit.
+    """
     try:
         lines = decode(path.read_bytes()).splitlines()
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
         raise ResultsError(f"{path}: cannot be read: {reason}") from error
     head = list(itertools.takewhile(lambda line: line.startswith("#"), lines))
-    told = dict(line.removeprefix("# ").split(": ", 1) for line in head if ": " in line)
+    told = dict(line.removeprefix("# ").split(": ", 1) for line in head if ": " in line) or _told_beside(path)
     for key in ("experiment", "definition_sha256"):
-        if key not in told:
-            raise ResultsError(f"{path}: expected a comment '# {key}: ...' at the top, got none")
+        if not isinstance(told.get(key), str):
+            where = "a comment at the top" if head else f"{SUMMARY} beside it"
+            raise ResultsError(f"{path}: expected {where} that says the {key}, got none")
     rows = csv.reader(lines[len(head) :])
     columns = next(rows, [])
     if columns != ["seed", *COLUMNS]:
@@ -160,7 +186,7 @@ def read_episodes(path: Path) -> EpisodeTable:
         except ValueError as error:
             raise ResultsError(f"{path}:{len(head) + rows.line_num}: {error}") from error
         episodes.setdefault(seed, []).append(summary)
-    if len({len(of_seed) for of_seed in episodes.values()}) != 1:
+    if len({len(of_seed) for of_seed in episodes.values()}) != 1 and not (episodes and "interrupted" in told):
         counts = ", ".join(f"seed {seed} {len(of_seed)}" for seed, of_seed in episodes.items())
         raise ResultsError(f"{path}: expected equally many episodes of every seed, got {counts or 'none'}")
     by_seed = {seed: tuple(of_seed) for seed, of_seed in episodes.items()}
@@ -179,12 +205,24 @@ def _from_row(row: Sequence[str], definition_sha256: str) -> tuple[int, EpisodeS
 
 def _hash_in(summary: bytes) -> str:
     """Return the definition's hash in a ``summary.json``; empty when there is none."""
+    sha256 = _content(summary).get("definition_sha256")
+    return sha256 if isinstance(sha256, str) else ""
+
+
+def _told_beside(episodes: Path) -> dict[str, Any]:
+    """Return what the ``summary.json`` beside an ``episodes.csv`` says; nothing when there is none."""
+    try:
+        return _content(episodes.with_name(SUMMARY).read_bytes())
+    except OSError:
+        return {}
+
+
+def _content(summary: bytes) -> dict[str, Any]:
     try:
         content = json.loads(summary)
-    except ValueError:
-        return ""
-    found = content.get("definition_sha256") if isinstance(content, dict) else None
-    return found if isinstance(found, str) else ""
+    except (ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) else {}
 
 
 def _toml_value(value: object) -> str:

@@ -29,9 +29,10 @@ class Listener(Protocol):
 
 @dataclass(frozen=True)
 class TimedRun:
-    """A result, and how long its episodes took [s]; the time is no part of the result."""
+    """A result, what was learnt, and how long the episodes took [s]; the time is no part of the result."""
 
     result: RunResult
+    skill: NamedSkill
     seconds: float
 
     @property
@@ -44,11 +45,11 @@ def run_seed(
     definition: Definition,
     seed: int,
     episodes: int,
-    advanced: Callable[[int], None],
+    advanced: Callable[[int], bool | None],
     skill: NamedSkill | None = None,
     swaps: Sequence[Swap] = (),
 ) -> TimedRun:
-    """Run one seed in this process; ``advanced`` hears the number of episodes finished after each.
+    """Run one seed in this process; ``advanced`` hears the number of episodes finished after each, False ends it.
 
     ``skill`` is what the run begins with; it has to fit the definition. ``swaps`` are made in the course of it.
     """
@@ -60,14 +61,15 @@ def run_seed(
     summaries = []
     for summary in run.episodes(episodes):
         summaries.append(summary)
-        advanced(len(summaries))
+        if advanced(len(summaries)) is False:
+            break
     seconds = time.perf_counter() - began
     digests: Digests = {
         "q_table": run.agent.learner.digest(),
         "art2": run.classifier.network.digest(),
         "episodes": episodes_digest(summaries),
     }
-    return TimedRun(RunResult(seed, tuple(summaries), digests), seconds)
+    return TimedRun(RunResult(seed, tuple(summaries), digests), run.learnt(), seconds)
 
 
 def run_seeds(
@@ -83,8 +85,8 @@ def run_seeds(
 
     ``skill`` is what each of them begins with; it has to fit the definition. ``swaps`` are made in each of them.
 
-    To be called from the main thread. Raises PieceError, with its seed, when a run fails and KeyboardInterrupt upon
-    Ctrl-C or SIGTERM; all processes have ended by then.
+    To be called from the main thread. Raises PieceError, with its seed, when a run fails and Interrupted, with what
+    has been run, upon Ctrl-C or SIGTERM; all processes have ended by then.
     """
     orders = [_Order(definition, seed, episodes, skill, tuple(swaps)) for seed in sorted(seeds)]
 
@@ -95,10 +97,21 @@ def run_seeds(
             listener.started(orders[index].seed)
 
     done: dict[int, TimedRun] = {}
-    for index, timed in spread(_run, orders, jobs, lambda order: f"seed {order.seed}", advanced):
-        done[orders[index].seed] = timed
-        listener.finished(orders[index].seed)
+    try:
+        for index, timed in spread(_run, orders, jobs, lambda order: f"seed {order.seed}", advanced, partly=True):
+            done[orders[index].seed] = timed
+            listener.finished(orders[index].seed)
+    except KeyboardInterrupt:
+        raise Interrupted(tuple(done[seed] for seed in sorted(done))) from None
     return tuple(done[order.seed] for order in orders)
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C while runs were under way; ``runs`` are those with episodes, whole or in part, by seed."""
+
+    def __init__(self, runs: tuple[TimedRun, ...]) -> None:
+        super().__init__()
+        self.runs = runs
 
 
 class _Order(NamedTuple):

@@ -53,6 +53,13 @@ class RunSummary(TypedDict):
     digests: Digests
 
 
+class Wanted(TypedDict):
+    """What was to be run: so many episodes of each of these seeds."""
+
+    seeds: list[int]
+    episodes: int
+
+
 class Summary(TypedDict):
     """The content of ``summary.json``; it holds no times, so the same runs give the same bytes."""
 
@@ -61,6 +68,8 @@ class Summary(TypedDict):
     runs: list[RunSummary]
     swaps: NotRequired[list[str]]
     """In words, what was swapped in the course of each run, and from when on; not there without any."""
+    interrupted: NotRequired[Wanted]
+    """What should have been run, where Ctrl-C came before; not there when all was."""
 
 
 @dataclass(frozen=True)

@@ -6,17 +6,30 @@ import argparse
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from services.rules import command_line, plugins, swaps
 from services.rules import skill as skill_file
 from services.rules.command_line import Parser, whole
 from services.wire import definition_file
+from services.wire.errors import TreenailError
 from services.wire.randomness import MAX_SEED
 
+if TYPE_CHECKING:
+    from experiments.lab.pool import PieceError
+    from experiments.lab.run import TimedRun
+    from services.rules.results import Wanted
+    from services.wire.definition import Definition
+    from services.wire.messages import Swap
+
 PROGRAM = "treenail experiment"
+LOG = "error.log"
 _OUT = "runs/experiments/<name>-<first 8 digits of the definition's hash>"
 
-_RUN_TEXT = "Writes summary.json, episodes.csv, definition.toml and four figures. A seed that fails ends all, status 2."
+_RUN_TEXT = (
+    "Writes summary.json, episodes.csv, definition.toml, four figures and what each seed has learnt, seed<N>.skill. A "
+    "seed that fails ends all, status 2; after Ctrl-C what there is by then is written, status 130."
+)
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -32,10 +45,7 @@ def _act(arguments: argparse.Namespace) -> int:
 
 def _run(arguments: argparse.Namespace) -> int:
     # Whatever could be missing is loaded before the runs, not after an hour of them.
-    from rich.console import Console
-
-    from experiments.lab import plots, pool, progress, result_files, run
-    from services.rules import results
+    from experiments.lab import plots, pool, progress, result_files, run  # noqa: F401
 
     definition = definition_file.load(arguments.experiment, arguments.set)
     plugins.check(definition)
@@ -51,18 +61,64 @@ def _run(arguments: argparse.Namespace) -> int:
     folder = arguments.out or Path("runs", "experiments", f"{definition.name}-{sha256[:8]}{from_skill}{from_swaps}")
     seeds = arguments.seed_list or list(range(arguments.seeds))
     result_files.prepare(folder, sha256, arguments.force)
-    with progress.of_runs(len(seeds), episodes) as listener:
-        timed = run.run_seeds(
-            definition, seeds, episodes, arguments.jobs or pool.usable_cores(), listener, skill, planned
-        )
-    runs = [one.result for one in timed]
-    summary = results.summary(definition, sha256, runs, planned)
-    figures = plots.figures(definition.name, {one.seed: one.episodes for one in runs})
-    result_files.write(folder, definition, summary, runs, figures)
-    title = f"{definition.name}, {episodes} episodes"
-    Console().print(progress.table(title, summary["runs"], [one.moves_per_s for one in timed]))
+    jobs = arguments.jobs or pool.usable_cores()
+    try:
+        with progress.of_runs(len(seeds), episodes) as listener:
+            timed = run.run_seeds(definition, seeds, episodes, jobs, listener, skill, planned)
+    except run.Interrupted as stopped:
+        if not stopped.runs:
+            raise
+        if (folder / result_files.SUMMARY).exists():  # what a whole run gave is not given up for a part of another
+            folder = folder.with_name(f"{folder.name}-interrupted")
+            result_files.prepare(folder, sha256, force=True)
+        _tell(folder, definition, sha256, stopped.runs, planned, {"seeds": seeds, "episodes": episodes})
+        kept = ", ".join(f"{len(one.result.episodes)} of seed {one.result.seed}" for one in stopped.runs)
+        print(f"{PROGRAM}: interrupted; of {episodes} episodes kept {kept}, in {folder}", file=sys.stderr)
+        return command_line.EXIT_INTERRUPTED
+    except pool.PieceError as error:
+        raise _logged(error, folder, arguments.debug) from error
+    _tell(folder, definition, sha256, timed, planned)
     print(f"results in {folder}")
     return 0
+
+
+def _tell(
+    folder: Path,
+    definition: Definition,
+    sha256: str,
+    timed: Sequence[TimedRun],
+    planned: Sequence[Swap],
+    wanted: Wanted | None = None,
+) -> None:
+    """Write the results and print their table; ``wanted`` is what should have been run, when not all was."""
+    from rich.console import Console
+
+    from experiments.lab import plots, progress, result_files
+    from services.rules import results
+
+    runs = [one.result for one in timed]
+    summary = results.summary(definition, sha256, runs, planned)
+    if wanted is not None:
+        summary["interrupted"] = wanted
+    figures = plots.figures(definition.name, result_files.in_step({one.seed: one.episodes for one in runs}))
+    skills = {one.result.seed: one.skill for one in timed}
+    result_files.write(folder, definition, summary, runs, figures, skills)
+    title = f"{definition.name}, {max(len(one.episodes) for one in runs)} episodes"
+    Console().print(progress.table(title, summary["runs"], [one.moves_per_s for one in timed]))
+
+
+def _logged(error: PieceError, folder: Path, debug: bool) -> TreenailError:
+    """Return the error of a seed that failed, after its traceback is in a file and, if asked for, printed."""
+    if not error.trace:
+        return error
+    log = folder / LOG
+    try:
+        log.write_text(error.trace, encoding="utf-8")
+    except OSError as full:
+        return TreenailError(f"{error}; {log} cannot be written: {full.strerror}")
+    if debug:
+        print(error.trace, end="", file=sys.stderr)
+    return TreenailError(f"{error}; traceback in {log}")
 
 
 def _list(arguments: argparse.Namespace) -> int:
@@ -86,7 +142,8 @@ def _plot(arguments: argparse.Namespace) -> int:
     from experiments.lab import plots, result_files
 
     table = result_files.read_episodes(arguments.folder / result_files.EPISODES)
-    result_files.write_figures(arguments.folder, plots.figures(table.experiment, table.episodes))
+    episodes = result_files.in_step(table.episodes)
+    result_files.write_figures(arguments.folder, plots.figures(table.experiment, episodes))
     return 0
 
 
@@ -111,11 +168,17 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     which = run.add_mutually_exclusive_group()
     which.add_argument("--seeds", type=whole(), default=1, metavar="K", help="run seeds 0 to K-1 (default: 1)")
     which.add_argument("--seed-list", type=_seed_list, metavar="A,B,...", help="run these seeds")
-    run.add_argument("--skill", type=Path, metavar="FILE", help="begin with a skill from `treenail checkpoint export`")
+    run.add_argument(
+        "--skill",
+        type=Path,
+        metavar="FILE",
+        help="begin with a skill, of another run or exported",
+    )
     run.add_argument("--swap", action="append", default=[], metavar=swaps.SPEC, help=swaps.SPEC_HELP)
     run.add_argument("--out", type=Path, metavar="DIR", help=f"where results go (default: {_OUT})")
     run.add_argument("--jobs", type=whole(), metavar="J", help="seeds run at a time (default: one per core)")
     run.add_argument("--force", action="store_true", help="replace results of another definition")
+    run.add_argument("--debug", action="store_true", help="print the traceback of a seed that fails")
     run.set_defaults(command=_run)
 
 

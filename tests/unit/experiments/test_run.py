@@ -11,12 +11,15 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from experiments.lab.pool import PieceError
 from experiments.lab.progress import LINE_EVERY_S, Lines, Runs, table
 from experiments.lab.run import TimedRun, run_seed, run_seeds
+from experiments.lab.skills import digests
+from services.rules import skill as skill_file
 from services.rules.results import Digests, RunResult, RunSummary, run_summary
 from services.wire import definition_file
 from services.wire.messages import EpisodeSummary
@@ -30,6 +33,7 @@ FULL = ("classifier.capacity=1", "classifier.when_full=refuse")
 REPOSITORY = Path(__file__).parents[3]
 PROGRAM = [sys.executable, "-m", "treenail.commands.experiment"]
 DEADLINE_S = 60.0
+NONE_LEARNT: Any = None
 
 
 class Heard:
@@ -108,12 +112,20 @@ def test_same_seed_gives_the_same_run_in_every_process_and_order(folder: Path) -
 def test_command_leaves_results_and_a_table(folder: Path) -> None:
     results = results_of(folder)
     names = {"summary.json", "episodes.csv", "definition.toml", "return.png", "force.png", "torque.png", "failures.png"}
-    assert {path.name for path in results.iterdir()} == names
+    assert {path.name for path in results.iterdir()} == {*names, "seed1.skill", "seed4.skill"}
+    assert definition_file.load(str(results / "definition.toml")).episodes == 3, "what ran, not the definition's 2000"
     written = json.loads((results / "summary.json").read_text())
     assert [(run["seed"], run["episodes"]) for run in written["runs"]] == [(1, 3), (4, 3)]
     stdout = (folder / "stdout").read_text()
     for expected in ("steady from", "force [N]", "collisions", "moves/s", "median", str(results.relative_to(folder))):
         assert expected in stdout
+
+
+def test_each_seed_leaves_what_it_has_learnt(folder: Path) -> None:
+    for run in json.loads((results_of(folder) / "summary.json").read_text())["runs"]:
+        skill = skill_file.read(results_of(folder) / f"seed{run['seed']}.skill").skill
+        assert (skill.seed, skill.episodes) == (run["seed"], 3)
+        assert dict(digests(skill)) == {name: run["digests"][name] for name in ("q_table", "art2")}
 
 
 def test_figures_are_drawn_again_from_the_episodes(folder: Path) -> None:
@@ -144,7 +156,7 @@ def test_child_that_dies_is_a_failure_of_its_seed() -> None:
     [
         pytest.param(
             ("run", NAME, "--seed-list", "7", *(part for setting in FULL for part in ("--set", setting))),
-            r"seed 7: observation: decision [0-9]+: classes: .*",
+            r"seed 7: observation: decision [0-9]+: classes: .*; traceback in runs/.*/error\.log",
             id="failing seed",
         ),
         pytest.param(("run", NAME, "--set", "moves.actions=7"), r".*moves\.actions.*", id="wrong setting"),
@@ -172,6 +184,42 @@ def test_error_is_one_line_and_status_2(
     assert len(said) == 1
     assert re.fullmatch("treenail experiment: " + complaint, said[0])
     assert not list(tmp_path.glob("runs/**/summary.json"))
+
+
+FAULTY = """
+from services.classifier.fuzzy_art import FuzzyArt
+
+class Faulty(FuzzyArt):
+    def learn(self, force_n, torque_nm):
+        if self.states:
+            self.loose = 1 // 0
+        return super().learn(force_n, torque_nm)
+"""
+
+
+def test_a_plug_in_that_fails_is_named_with_its_place_and_leaves_a_traceback(tmp_path: Path) -> None:
+    site = tmp_path / "site"
+    (site / "faulty-1.dist-info").mkdir(parents=True)
+    (site / "faulty.py").write_text(FAULTY)
+    (site / "faulty-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: faulty\nVersion: 1\n")
+    (site / "faulty-1.dist-info" / "entry_points.txt").write_text("[treenail.classifiers]\nfaulty = faulty:Faulty\n")
+    plugged = ("--set", "classifier.kind=plugin", "--set", "classifier.name=faulty")
+    done = subprocess.run(
+        [*PROGRAM, "run", NAME, *plugged, "--episodes", "2", "--out", "out", "--debug"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": f"{site}:{REPOSITORY}"},
+        capture_output=True,
+        text=True,
+        timeout=DEADLINE_S,
+        check=False,
+    )
+    assert done.returncode == 2
+    place = rf"{site}/faulty\.py:7 in learn"
+    said = done.stderr.splitlines()[-1]
+    expected = rf"treenail experiment: seed 0: ZeroDivisionError: .* \({place}\); traceback in out/error\.log"
+    assert re.fullmatch(expected, said)
+    trace = (tmp_path / "out" / "error.log").read_text()
+    assert "self.loose = 1 // 0" in trace and trace in done.stderr
 
 
 @pytest.mark.parametrize(
@@ -218,7 +266,37 @@ def wait_until(holds: Callable[[], bool], what: str) -> None:
         os.sched_yield()
 
 
-@pytest.mark.parametrize("moment", ["children starting", "children at work", "terminated"])
+def test_interrupt_keeps_the_episodes_so_far(tmp_path: Path) -> None:
+    line = [*PROGRAM, "run", NAME, "--set", SHORT, "--seeds", "3", "--jobs", "1", "--episodes", "100000"]
+    environment = {**os.environ, "PYTHONPATH": str(REPOSITORY)}
+    with subprocess.Popen(
+        [*line, "--out", "out"],
+        cwd=tmp_path,
+        env=environment,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        assert process.stderr is not None
+        for said in process.stderr:
+            if re.match(r"seed 0: \d+ of 100000 episodes", said):
+                break
+        os.killpg(process.pid, signal.SIGINT)
+        *_, last = process.stderr
+        assert process.wait(DEADLINE_S) == 130
+    written = json.loads((tmp_path / "out" / "summary.json").read_text())
+    (run,) = written["runs"]
+    said = f"interrupted; of 100000 episodes kept {run['episodes']} of seed 0, in out"
+    assert last == f"treenail experiment: {said}\n"
+    assert written["interrupted"] == {"seeds": [0, 1, 2], "episodes": 100000}
+    again = run_seed(definition_file.load(NAME, [SHORT]), 0, run["episodes"], lambda _: None)
+    assert again.result.digests == run["digests"]
+    assert skill_file.read(tmp_path / "out" / "seed0.skill").sha256 == again.skill.sha256
+    assert main(["plot", str(tmp_path / "out")]) == 0
+    wait_until(lambda: not living(process.pid), "no process is left")
+
+
+@pytest.mark.parametrize("moment", ["children starting", "terminated"])
 def test_interrupt_ends_every_process_without_results(tmp_path: Path, moment: str) -> None:
     line = [
         sys.executable,
@@ -240,8 +318,6 @@ def test_interrupt_ends_every_process_without_results(tmp_path: Path, moment: st
         assert process.stderr is not None
         assert process.stderr.readline().startswith("all: ")
         wait_until(lambda: len(spawned_by(process.pid)) == 2, "both are starting")
-        if moment == "children at work":
-            wait_until(lambda: sum("sapien" in maps_of(pid) for pid in living(process.pid)) == 2, "both have physics")
         if moment == "terminated":
             process.terminate()
         else:
@@ -331,7 +407,7 @@ def summaries(seed: int, count: int) -> TimedRun:
         states=seed,
         outcome="inserted",
     )
-    return TimedRun(RunResult(seed, (one,) * count, digests), 2.0)
+    return TimedRun(RunResult(seed, (one,) * count, digests), NONE_LEARNT, 2.0)
 
 
 def cells(count: int, seeds: list[int]) -> list[list[str]]:

@@ -11,6 +11,7 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from experiments.lab import result_files
 from experiments.lab.result_files import ResultsError
@@ -161,40 +162,38 @@ def test_files_read_back_as_written(tmp_path: Path) -> None:
     assert (table.experiment, table.definition_sha256) == ("by-hand", SHA256)
     assert table.episodes == {run.seed: run.episodes for run in runs}
     assert json.loads((tmp_path / "summary.json").read_text()) == summary(DEFINITION, SHA256, runs)
-    assert definition_file.load(str(tmp_path / "definition.toml")) == DEFINITION
+    assert definition_file.load(str(tmp_path / "definition.toml")) == replace(DEFINITION, episodes=4)
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"definition.toml", "episodes.csv", "return.png", "summary.json"}
 
 
-def test_csv_says_what_it_holds() -> None:
-    lines = result_files.episodes_csv("by-hand", SHA256, [RunResult(7, (episode(),), DIGESTS)]).splitlines()
-    assert lines[:2] == ["# experiment: by-hand", f"# definition_sha256: {SHA256}"]
-    assert lines[-2] == (
+def test_csv_says_what_it_holds_and_nothing_else() -> None:
+    first, *rows = result_files.episodes_csv([RunResult(7, (episode(),), DIGESTS)]).splitlines()
+    assert first == (
         "seed,episode,outcome,return,moves,decisions,mean_force_n,peak_force_n,mean_torque_nm,peak_torque_nm,states"
     )
-    assert lines[-1] == f"7,0,inserted,-16.0,60,30,0.5,2.0,0.05,{0.5 / 3},3"
+    assert rows == [f"7,0,inserted,-16.0,60,30,0.5,2.0,0.05,{0.5 / 3},3"]
 
 
 @pytest.mark.parametrize(
     ("old", "new", "complaint"),
     [
-        ("inserted", "vanished", r"episodes\.csv:5: Invalid enum value 'vanished'"),
-        (",60,", ",", r"episodes\.csv:5: expected 11 values, got 10"),
-        (",60,", ",-60,", r"episodes\.csv:5: Expected `int` >= 0"),
-        ("mean_force_n,", "", r"episodes\.csv:4: expected columns seed,"),
-        ("\n7,0,", "\n0_7,0,", r"episodes\.csv:5: expected a whole number from 0 to"),
-        (",60,", ",6_0,", r"episodes\.csv:5: Expected `int`"),
-        (",60,", ",\u0666,", r"episodes\.csv:5: Expected `int`"),
-        (",-16.0,", ",1_6.0,", r"episodes\.csv:5: Expected `float`"),
-        ("# experiment: by-hand\n", "", "expected a comment '# experiment: "),
+        ("inserted", "vanished", r"episodes\.csv:2: Invalid enum value 'vanished'"),
+        (",60,", ",", r"episodes\.csv:2: expected 11 values, got 10"),
+        (",60,", ",-60,", r"episodes\.csv:2: Expected `int` >= 0"),
+        ("mean_force_n,", "", r"episodes\.csv:1: expected columns seed,"),
+        ("\n7,0,", "\n0_7,0,", r"episodes\.csv:2: expected a whole number from 0 to"),
+        (",60,", ",6_0,", r"episodes\.csv:2: Expected `int`"),
+        (",60,", ",\u0666,", r"episodes\.csv:2: Expected `int`"),
+        (",-16.0,", ",1_6.0,", r"episodes\.csv:2: Expected `float`"),
         ("\n7,1,", "\n8,1,", "expected equally many episodes of every seed, got seed 7 2, seed 8 1"),
     ],
 )
 def test_spoilt_csv_is_refused_with_file_and_line(tmp_path: Path, old: str, new: str, complaint: str) -> None:
     run = RunResult(7, (episode(0), episode(1), episode(2)), DIGESTS)
-    text = result_files.episodes_csv("by-hand", SHA256, [run])
+    write(tmp_path, [run])
     path = tmp_path / "episodes.csv"
-    path.write_text(text.replace(old, new, 1))
+    path.write_text(path.read_text().replace(old, new, 1))
     with pytest.raises(ResultsError, match=complaint):
         result_files.read_episodes(path)
 
@@ -202,8 +201,31 @@ def test_spoilt_csv_is_refused_with_file_and_line(tmp_path: Path, old: str, new:
 def test_what_an_editor_adds_to_a_csv_is_passed_over(tmp_path: Path) -> None:
     run = RunResult(7, (episode(0), episode(1)), DIGESTS)
     path = tmp_path / "episodes.csv"
-    path.write_text(result_files.episodes_csv("by-hand", SHA256, [run]) + "\n", encoding="utf-8-sig")
+    write(tmp_path, [run])
+    path.write_text(result_files.episodes_csv([run]) + "\n", encoding="utf-8-sig")
     assert [summary.episode for summary in result_files.read_episodes(path).episodes[7]] == [0, 1]
+
+
+def test_a_file_of_old_with_comments_at_its_top_is_read(tmp_path: Path) -> None:
+    run = RunResult(7, (episode(0, seed=7), episode(1, seed=7)), DIGESTS)
+    comments = f"# experiment: by-hand\n# definition_sha256: {SHA256}\n# force in N\n"
+    path = tmp_path / "episodes.csv"
+    path.write_text(comments + result_files.episodes_csv([run]))
+    table = result_files.read_episodes(path)
+    assert (table.experiment, table.definition_sha256, table.episodes[7]) == ("by-hand", SHA256, run.episodes)
+    path.write_text(result_files.episodes_csv([run]))
+    with pytest.raises(ResultsError, match=r"expected summary\.json beside it that says the experiment, got none"):
+        result_files.read_episodes(path)
+
+
+def test_interrupted_runs_may_be_of_any_length(tmp_path: Path) -> None:
+    runs = [RunResult(7, (episode(0), episode(1)), DIGESTS), RunResult(8, (episode(0, seed=8),), DIGESTS)]
+    part = summary(DEFINITION, SHA256, runs)
+    part["interrupted"] = {"seeds": [7, 8, 9], "episodes": 5}
+    result_files.write(tmp_path, DEFINITION, part, runs, {})
+    episodes = result_files.read_episodes(tmp_path / "episodes.csv").episodes
+    assert {seed: len(of_seed) for seed, of_seed in episodes.items()} == {7: 2, 8: 1}
+    assert {seed: len(of_seed) for seed, of_seed in result_files.in_step(dict(episodes)).items()} == {7: 1, 8: 1}
 
 
 def test_results_of_another_definition_stay(tmp_path: Path) -> None:
