@@ -1,15 +1,20 @@
-"""What the robot answers, whatever arm it has: order, guard, repetition. Pure; the motion itself is somebody else's.
+"""What the robot answers, whatever arm it has: order, guard, senses, repetition. Pure; the motion is somebody else's.
 
     not homed --homed--> at step n of an episode --moved--> at step n + 1 ...      any fault --> not homed
 
-After a fault every motion but ``home`` is out of order, so that the task begins the episode anew.
+After a fault every motion but ``home`` is out of order, so that the task begins the episode anew. Times are nanoseconds
+of one clock that does not go back: the monotonic one of the process, simulated time in the simulator.
 """
 
 from __future__ import annotations
 
 import math
 
-from services.rules.guard import Guard
+from msgspec.structs import replace
+
+from services.rules.guard import OLDEST_S, Guard, increment_of
+from services.rules.senses import Senses
+from services.rules.touch import Touch
 from services.wire.actions import Increment
 from services.wire.definition import Definition
 from services.wire.errors import RefusedError
@@ -28,6 +33,10 @@ class GuardError(RefusedError):
     reason = "guard"
 
 
+class DeadSensorError(GuardError):
+    """A motion that is refused because the sensor answers, but does not feel."""
+
+
 class OtherRunError(RefusedError):
     """A motion of another run than the task's."""
 
@@ -37,12 +46,24 @@ class OtherRunError(RefusedError):
 class Robot:
     """Motions of one run."""
 
-    def __init__(self, definition: Definition, run: str, oldest_s: float) -> None:
+    def __init__(self, definition: Definition, run: str, oldest_s: float = OLDEST_S) -> None:
         self.run = run
         self._guard = Guard(definition, oldest_s)
         self._hard_force_n = definition.limits.hard_force_n
+        self._senses, self._touch = Senses(definition), Touch(definition)
         self._last: Home | Move | None = None
         self._done: Moved | None = None
+
+    def feel(self, packet: FtPacket, now_ns: int) -> bool:
+        """Take an F/T packet; True when it is the first of another source, whose times are not those before."""
+        other = self._senses.take(packet, now_ns)
+        if packet is self._senses.newest:
+            self._touch.feel(packet)
+        return other
+
+    def feel_anew(self) -> None:
+        """Take the next packet for new, whatever its number and time are."""
+        self._senses.forget()
 
     def home(self, home: Home) -> None:
         """Allow ``home``. Raises GuardError, OtherRunError."""
@@ -52,29 +73,34 @@ class Robot:
     def homed(self, home: Home, arrived_t_ns: int) -> Moved:
         """Take note that it is done, and return the answer."""
         self._guard.homed(home)
+        self._senses.homed()
+        self._touch.begin(home)
         self._last = home
         self._done = Moved(run=home.run, episode=home.episode, step=0, arrived_t_ns=arrived_t_ns)
         return self._done
 
-    def again(self, move: Move, felt: FtPacket | None, age_s: float) -> Moved | None:
+    def again(self, move: Move, now_ns: int) -> Moved | None:
         """Return the answer to a motion that is made already, None for one that is not. Raises as ``move``."""
         self._check_run(move.run)
         if self._done is None or move != self._last:
             return None
-        _allow(self._guard.sensing(felt, age_s))
+        _allow(self.sensing(now_ns))
         return self._done
 
-    def move(self, move: Move, felt: FtPacket | None, age_s: float) -> None:
-        """Allow the next motion with the newest F/T sample, ``age_s`` seconds old.
+    def move(self, move: Move, now_ns: int) -> None:
+        """Allow the next motion, by what was felt last.
 
-        Raises OutOfOrderError, GuardError, OtherRunError.
+        Raises OutOfOrderError, GuardError, DeadSensorError, OtherRunError.
         """
         self._check_run(move.run)
         done = self._done
         if done is None or (move.episode, move.step) != (done.episode, done.step + 1):
             at = "not homed" if done is None else f"at episode {done.episode}, step {done.step}"
             raise OutOfOrderError(f"move: cannot make step {move.step} of episode {move.episode}: the robot is {at}")
-        _allow(self._guard.moving(move, felt, age_s))
+        _allow(self._guard.moving(move, self._senses.newest, self._senses.age_s(now_ns)))
+        numb = self._senses.dead() or self._touch.missing()
+        if numb is not None:
+            raise DeadSensorError(numb)
 
     def moved(self, move: Move, applied: Increment, arrived_t_ns: int) -> Moved:
         """Take note of what was applied, and return the answer."""
@@ -82,6 +108,8 @@ class Robot:
             run=move.run, episode=move.episode, step=move.step, arrived_t_ns=arrived_t_ns, **applied._asdict()
         )
         self._guard.moved(answer)
+        self._senses.moved()
+        self._touch.take(increment_of(answer))
         self._last, self._done = move, answer
         return answer
 
@@ -89,9 +117,14 @@ class Robot:
         """Take note that nobody knows where the arm is; also before a motion begins, until it is confirmed."""
         self._last = self._done = None
 
-    def sensing(self, felt: FtPacket | None, age_s: float) -> str | None:
-        """Return why nothing may move with this F/T sample, or None."""
-        return self._guard.sensing(felt, age_s)
+    def arrived(self, t_ns: int) -> None:
+        """State anew from when on samples show the last motion: the sensor's clock is another one by now."""
+        if self._done is not None:
+            self._done = replace(self._done, arrived_t_ns=t_ns)
+
+    def sensing(self, now_ns: int) -> str | None:
+        """Return why nothing may move with what was felt last, or None."""
+        return self._guard.sensing(self._senses.newest, self._senses.age_s(now_ns))
 
     def pressing(self, felt: FtPacket) -> str | None:
         """Return why a motion that is under way has to be stopped, or None."""

@@ -15,7 +15,7 @@ from services.wire.definition_rules import reach_mm
 Vector = tuple[float, float, float]
 Matrix = tuple[Vector, Vector, Vector]
 
-_UPRIGHT: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+UPRIGHT: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 _ROUNDING = 1e-6
 """Tolerance [mm, deg] for what adding up thousands of motions in another order gives."""
 
@@ -36,7 +36,7 @@ class Workspace:
         self._depth_mm = z_mm
         self._position: Vector = (0.0, 0.0, 0.0)
         """Tip in the tool frame of the start [mm]."""
-        self._turn = _UPRIGHT
+        self._turn = UPRIGHT
         """Orientation in that frame, row by row."""
 
     def complaint(self, increment: Increment) -> str | None:
@@ -60,16 +60,23 @@ class Workspace:
         self._position, self._turn = self._after(increment)
 
     def _after(self, increment: Increment) -> tuple[Vector, Matrix]:
-        dx, dy, dz = increment[:3]
-        a, b, c = (row[0] * dx + row[1] * dy + row[2] * dz for row in self._turn)
+        a, b, c = turned(self._turn, increment[:3])
         x, y, z = self._position
         position = (x + a, y + b, z + c)
         if increment[3:] == (0.0, 0.0, 0.0):
             return position, self._turn
-        return position, _product(self._turn, _rotation(*increment[3:]))
+        return position, product(self._turn, rotation(*increment[3:]))
 
 
-def _product(left: Matrix, right: Matrix) -> Matrix:
+def turned(turn: Matrix, vector: Vector) -> Vector:
+    """Return a vector of the turned frame in the frame that it was turned in."""
+    dx, dy, dz = vector
+    a, b, c = (row[0] * dx + row[1] * dy + row[2] * dz for row in turn)
+    return a, b, c
+
+
+def product(left: Matrix, right: Matrix) -> Matrix:
+    """Return the turn ``right`` in the frame of the turn ``left``."""
     p, q, r = right
     first, second, third = (
         (
@@ -82,8 +89,8 @@ def _product(left: Matrix, right: Matrix) -> Matrix:
     return first, second, third
 
 
-def _rotation(rx_deg: float, ry_deg: float, rz_deg: float) -> Matrix:
-    """Matrix of R = Rz(rz) Ry(ry) Rx(rx), row by row."""
+def rotation(rx_deg: float, ry_deg: float, rz_deg: float) -> Matrix:
+    """Return the matrix of R = Rz(rz) Ry(ry) Rx(rx), row by row."""
     (cx, sx), (cy, sy), (cz, sz) = ((math.cos(a), math.sin(a)) for a in map(math.radians, (rx_deg, ry_deg, rz_deg)))
     return (
         (cz * cy, cz * sy * sx - sz * cx, cz * sy * cx + sz * sx),

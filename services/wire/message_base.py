@@ -20,7 +20,7 @@ Torque = tuple[NewtonMetre, NewtonMetre, NewtonMetre]
 Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
 Millimetre = Annotated[float, Meta(ge=-1e4, le=1e4)]
 Degree = Annotated[float, Meta(ge=-360, le=360)]
-Reason = Literal["bad_request", "foreign_run", "out_of_order", "guard", "not_ready"]
+Reason = Literal["bad_request", "foreign_run", "out_of_order", "guard", "not_ready", "stopped"]
 Outcome = Literal["inserted", "collision", "no_progress", "move_limit"]
 
 

@@ -107,6 +107,21 @@ class Moved(Message, frozen=True, kw_only=True):
     rz_deg: Degree = 0.0
 
 
+class Resume(Message, frozen=True, kw_only=True):
+    """Request on ``resume``: let the arm move again after a stop. Asked without it, the answer is what holds the arm."""
+
+    stop_t_ns: Count
+    """Name of the stop that is meant; refused when another one has come since."""
+
+
+class Stop(Message, frozen=True, kw_only=True):
+    """Reply to ``resume``: what holds the arm until somebody lets it move."""
+
+    stop_t_ns: Count
+    """When it was stopped, and the name of that stop; 0 when nothing holds it."""
+    why: Annotated[str, Meta(max_length=200)]
+
+
 PoseNumbers = tuple[Number, Number, Number, Number, Number, Number, Number]
 
 
@@ -127,6 +142,8 @@ class Truth(Message, frozen=True, kw_only=True):
 
 class Refusal(Message, frozen=True, kw_only=True):
     """Error reply to any query: a stable reason for programs, a sentence for people."""
+
+    VERSION: ClassVar[int] = 2
 
     reason: Reason
     message: Annotated[str, Meta(max_length=1000)]
@@ -373,6 +390,8 @@ MESSAGES: tuple[type[Message], ...] = (
     Home,
     Move,
     Moved,
+    Resume,
+    Stop,
     Truth,
     Refusal,
     Observation,

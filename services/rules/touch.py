@@ -1,0 +1,85 @@
+"""Whether a first touch has failed to come: the arm is where the peg must press, and nothing is felt. Pure.
+
+A sensor that says 0 N all the way lets guidance push a peg through the rim. What the arm was told since ``home`` says
+where the tip would be if nothing gave way. Where that is deeper inside the material than the errors of arm and taught
+location explain, by more than it takes the wrist to feel a contact twice over, the sensor does not feel. An episode
+that was in contact once, or that begins so well that the peg may go in freely, is none of this rule's business.
+"""
+
+from __future__ import annotations
+
+import math
+
+from services.rules.workspace import UPRIGHT, Matrix, Vector, product, rotation, turned
+from services.wire.actions import Increment
+from services.wire.definition import Definition
+from services.wire.messages import FtPacket, Home
+
+ASIDE_MM = 0.5
+"""How far the taught location may be from where it should be."""
+_SURE = 5.0
+
+
+class Touch:
+    """Where the tip was commanded to, and whether it was ever felt to touch."""
+
+    def __init__(self, definition: Definition) -> None:
+        parts, wrist, noise = definition.parts, definition.wrist, definition.noise
+        self._square = parts.shape == "square"
+        self._clearance_mm, self._chamfer_mm = parts.clearance_mm, parts.chamfer_mm
+        self._radius_mm = parts.peg_width_mm / 2
+        self._contact_n = definition.limits.contact_force_n
+        # The tip gives way by the wrist's shift, by its turn about the sensor's point, and by the peg's own surface.
+        soft = 1.0 / wrist.stiffness_n_per_mm + wrist.sensor_height_mm**2 / (1000.0 * wrist.stiffness_nm_per_rad)
+        soft += 1.0 / definition.contact.stiffness_n_per_mm if definition.contact.stiffness_n_per_mm else 0.0
+        self._felt_mm = 2.0 * self._contact_n * soft
+        self._error_mm = _SURE * noise.scale * max(noise.along_mm, noise.across_mm)
+        self._turn_error = _SURE * noise.scale * math.radians(noise.turn_deg) * parts.peg_height_mm
+        self._position: Vector = (0.0, 0.0, 0.0)
+        self._turn: Matrix = UPRIGHT
+        self._moves = 0
+        self._touched = True
+        """Nothing is expected before ``home``."""
+
+    def begin(self, home: Home) -> None:
+        """Begin at a start pose; the tip is in free space there."""
+        self._position = (home.x_mm, home.y_mm, home.z_mm)
+        self._turn = rotation(home.rx_deg, home.ry_deg, home.rz_deg)
+        self._moves, self._touched = 0, False
+
+    def take(self, increment: Increment) -> None:
+        """Add a motion that was made."""
+        if not self._touched:
+            self._moves += 1
+            self._position = self._after(increment)
+            self._turn = product(self._turn, rotation(*increment[3:]))
+
+    def feel(self, packet: FtPacket) -> None:
+        """Take note of what is felt."""
+        if not self._touched:
+            self._touched = max(math.hypot(*force) for force in packet.force_n) >= self._contact_n
+
+    def missing(self) -> str | None:
+        """Return why nothing may move on: where the arm is, a touch must have come; None otherwise."""
+        if self._touched:
+            return None
+        errors_mm = (self._error_mm + self._turn_error) * math.sqrt(self._moves)
+        inside_mm = self._inside_mm(self._position)
+        if inside_mm <= self._felt_mm + ASIDE_MM + errors_mm:
+            return None
+        expected = f"expected a touch of {self._contact_n:g} N at the latest {inside_mm:.2f} mm inside the material"
+        return f"guard: sensor: {expected}, got none since home; does it feel? only home is taken"
+
+    def _after(self, increment: Increment) -> Vector:
+        dx, dy, dz = turned(self._turn, increment[:3])
+        x, y, z = self._position
+        return x + dx, y + dy, z + dz
+
+    def _inside_mm(self, tip: Vector) -> float:
+        """Return the least way [mm] out of the material for the tip's face there; 0 when it is free."""
+        x, y, z = tip
+        # A tilted round face is narrower across the hole.
+        lean = self._radius_mm * (1.0 - abs(self._turn[2][2]))
+        aside = max(abs(x), abs(y)) if self._square else math.hypot(x, y)
+        over = aside - lean - self._clearance_mm - max(0.0, self._chamfer_mm - z)
+        return max(0.0, min(z, over / math.sqrt(2.0)))
