@@ -35,6 +35,7 @@ COMMANDS = {
     "get": "print what a key of the cell answers, as JSON",
     "q-table": "print the agent's Q-table",
     "policy": "print what the agent would do in a state, or when it feels a force",
+    "resume": "let the arm move again after a stop",
     "swap": "change learner or classifier while a cell learns",
     "checkpoint": "list, show, export and import what was learnt",
     "certs": "make a certificate authority and a certificate for each service",
@@ -121,6 +122,10 @@ def _module(name: str) -> Command:
             from treenail.commands import policy
 
             return policy
+        case "resume":
+            from treenail.commands import resume
+
+            return resume
         case "swap":
             from treenail.commands import swap
 

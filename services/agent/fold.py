@@ -37,7 +37,7 @@ class AgentFold:
         self.run = run
         self._seed = seed
         self._forgotten = 0
-        """Learning updates of the tables that swaps have put an end to."""
+        """Decisions whose lesson is in no table: those of tables that swaps ended, and those that taught nothing."""
         self.decisions = 0
         """States folded so far: the decision number that comes next."""
         self.rewards = 0
@@ -107,6 +107,8 @@ class AgentFold:
         previous = (action.state, action.action, reward.reward)
         if reward.terminal is None:
             self._previous = previous
+        elif self._cut(reward):
+            self._forgotten += 1
         else:
             self.learner.finish(previous)
         self._received[reward.decision] = reward
@@ -115,7 +117,7 @@ class AgentFold:
 
     @property
     def version(self) -> int:
-        """Policy version: learning updates so far, those of tables that were given up among them; it never falls."""
+        """Policy version: decisions so far that were learnt from or given up; it never falls."""
         return self._forgotten + self.learner.version
 
     @property
@@ -202,6 +204,15 @@ class AgentFold:
                     learner.restore(self.learner.snapshot())
                 self.learner = learner
             self.timeline.made += 1
+
+    def _cut(self, reward: Reward) -> bool:
+        """Return whether an episode was ended from outside: what would have come of its last decision nobody knows.
+
+        The sample after the last motion is not classified, so that there is no state to go on from; and to teach that
+        nothing follows would make wandering until the limit look cheap.
+        """
+        limits = self.timeline.definition.limits
+        return reward.terminal == "move_limit" and limits.truncation == "untaught"
 
     def _learner_after(self, swaps: int) -> Learner:
         """Return the learner after so many swaps, as it is before it learns. Raises ValueError."""

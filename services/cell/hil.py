@@ -65,7 +65,7 @@ def commands(hardware: Hil, cell: str, endpoint: str, sensor: Sensor) -> dict[st
     follow = ("--world", world, "--sensor-s", str(SENSOR_S), "--prompt", "arrived")
     plugged = ("--calibration-s", "0", "--no-auto-zero", "--full-scales", scales)
     keep = ("--full-scales", "keep", "--settle-s", "0")
-    ideal = ("--prompt", "arrived", "--settle-s", "0", "--speed", "100", "--tell-episode")
+    ideal = ("--prompt", "arrived", "--settle-s", "0", "--speed", "100", "--tell-episode", "--auto-resume")
     return {
         "sim": ("--cell", world, "--connect", endpoint),
         "robot_link.emulator": (*here, "--listen", hardware.arm, *follow, *mode, *slow),

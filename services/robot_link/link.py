@@ -1,5 +1,8 @@
 """The line in use: carries scripts out over port, channel and terminal, and brings a lost line back. Nothing blocks.
 
+A line that says nothing when something is due is given up and opened again: a connection whose other end is gone
+without a word swallows everything that is said to it, for ever. Opening takes place on a thread of its own.
+
 Whoever owns a ``Link`` calls ``pump`` again and again. After a fault everything begins afresh: port, channel, greeting,
 the script that gets the arm ready. What was under way then has failed, and where the arm is nobody knows.
 """
@@ -11,6 +14,7 @@ import time
 from collections.abc import Callable, Generator
 from typing import Protocol
 
+from services.bus.opening import Opening
 from services.robot_link.channel import Channel
 from services.robot_link.errors import BusyError, ControllerError, LinkError
 from services.robot_link.serial_line import LineError
@@ -20,14 +24,16 @@ from services.wire.actions import Increment
 
 RETRY_S = (0.05, 2.0)
 """Shortest and longest pause before a line is opened again; each is twice the one before."""
-_Any = Generator[Command | Pause, tuple[str, ...], Increment | None]
+SILENT_S = 10.0
+"""How long a controller that is spoken to may say nothing before its line is opened again."""
+_Anything = Generator[Command | Pause, tuple[str, ...], Increment | None]
 
 
 class Port(Protocol):
     """A line of bytes; ``services.robot_link.serial_line.Line`` is one. All raise LineError."""
 
     def open(self) -> None:
-        """Open it, also again."""
+        """Open it, also again; called on a thread of its own, while nothing else is."""
 
     def read(self, timeout_s: float = 0.0) -> bytes:
         """Return what has come, after waiting so long for it."""
@@ -54,8 +60,10 @@ class Link:
         self._port, self._channel, self._terminal = port, channel, terminal
         self._get_ready, self._lost = get_ready, lost
         self._open = self._greeting = False
+        self._opening: Opening[None] | None = None
+        self._heard_s = 0.0
         self._retry_at_s, self._retry_s = 0.0, RETRY_S[0]
-        self._script: _Any | None = None
+        self._script: _Anything | None = None
         self._then: Callable[[Increment | LinkError], None] | None = None
         self._command: Command | None = None
         self._resume_s: float | None = None
@@ -97,11 +105,13 @@ class Link:
                 if now < self._retry_at_s:
                     time.sleep(min(timeout_s, self._retry_at_s - now))
                     return
+                if not self._opened():
+                    time.sleep(timeout_s)
+                    return
                 self._connect(now)
             self._listen(timeout_s)
         except LineError as error:
-            self._open = False
-            self._port.close()
+            self._open = False  # it is closed where it is opened again: that may take long, too
             self._retry_at_s = time.monotonic() + self._retry_s
             self._retry_s = min(RETRY_S[1], 2.0 * self._retry_s)
             self._fault(LinkError(f"robot: {error}"))
@@ -113,13 +123,26 @@ class Link:
             with contextlib.suppress(LineError):  # then it cannot be told any more
                 self._flush(time.monotonic())
         self._open = False
-        self._port.close()
+        if self._opening is not None:
+            self._opening.abandon()
+        else:
+            self._port.close()
 
     # -- details -----------------------------------------------------------------------------------------------------
 
+    def _opened(self) -> bool:
+        """Return whether the port is open now, asking for it first. Raises LineError."""
+        if self._opening is None:
+            self._opening = Opening(self._port.open, lambda _: self._port.close())
+        if not self._opening.done:
+            return False
+        opening, self._opening = self._opening, None
+        opening.result()
+        return True
+
     def _connect(self, now: float) -> None:
-        self._port.open()
         self._open = True
+        self._heard_s = now
         self._greeting = False
         self._port.write(self._channel.start(now))
 
@@ -127,6 +150,10 @@ class Link:
         self._flush(time.monotonic())
         data = self._port.read(timeout_s)
         now = time.monotonic()
+        if data:
+            self._heard_s = now
+        elif not self._ready and now - self._heard_s > SILENT_S:
+            raise LineError(f"line: expected the controller to say something within {SILENT_S:g} s, got nothing")
         heard = self._channel.receive(data, now) if data else None
         if heard is not None and heard.reply:
             self._port.write(heard.reply)
@@ -165,7 +192,7 @@ class Link:
         if text:
             self._port.write(self._channel.send(text, now))
 
-    def _begin(self, script: _Any, then: Callable[[Increment | LinkError], None]) -> None:
+    def _begin(self, script: _Anything, then: Callable[[Increment | LinkError], None]) -> None:
         self._script, self._then = script, then
         self._go_on(None)
 

@@ -2,6 +2,9 @@
 
 The loop never waits for the controller: queries, F/T samples and the heart go on while a motion is under way. The one
 motion that is under way may be asked for again, and everybody who did gets its answer; any other is refused.
+
+Nothing moves before somebody has asked for ``resume``, nor after a trouble of arm, line or sensor until he does again
+(``services.rules.hold``).
 """
 
 from __future__ import annotations
@@ -20,11 +23,12 @@ from services.robot_link.val2.dialects import DIALECTS
 from services.robot_link.val2.motion import Arm, Script
 from services.robot_link.val2.terminal import Terminal
 from services.rules.guard import increment_of
-from services.rules.motions import Robot
+from services.rules.hold import Hold
+from services.rules.motions import DeadSensorError, Robot
 from services.wire.actions import Increment
 from services.wire.errors import ContractError, NoAnswerError, RefusedError
-from services.wire.keys import EXPERIMENT, FT, HOME, MOVE
-from services.wire.messages import Experiment, FtPacket, Home, Move, Moved
+from services.wire.keys import EXPERIMENT, FT, HOME, MOVE, RESUME
+from services.wire.messages import Experiment, FtPacket, Home, Move, Resume, Stop
 
 _IDLE_S, _BUSY_S = 0.02, 0.005
 _EVENTS = 64
@@ -39,6 +43,7 @@ def serve(options: Options, settings: Settings, channel: Channel) -> None:
             return
         service.answer_later(HOME, shell.on_home)
         service.answer_later(MOVE, shell.on_move)
+        service.answer(RESUME, shell.on_resume)
         shell.loop()
 
 
@@ -52,13 +57,13 @@ class RobotShell:
         line = Line(settings.url, settings.line)
         self._link = Link(line, channel, terminal, self._arm.get_ready, self._on_lost)
         self._clock = SensorClock()
-        self._felt: FtPacket | None = None
-        self._felt_s = 0.0
+        self._hold = Hold(settings.by_itself, time.time_ns())
         self._motion: Home | Move | None = None
         """Under way."""
         self._asked: list[Asked] = []
         """Who waits for it."""
-        self._robot: Robot
+        self._robot: Robot | None = None
+        """None until it is known what runs."""
         service.subscribe(FT, FtPacket, self._on_ft, "sim", "sensor_jr3")
 
     def load(self) -> bool:
@@ -90,11 +95,12 @@ class RobotShell:
         home = request.message(Home)
         if self._is_under_way(asked, home):
             return
-        if home.run != self._robot.run:
+        self._hold.check(time.monotonic())
+        if home.run != self._service.run:
             experiment = self._ask()
             if experiment is not None and experiment.run == home.run:
                 self._take_up(experiment)
-        self._robot.home(home)
+        self._moving.home(home)
         self._begin(asked, home, self._arm.home(home))
 
     def on_move(self, asked: Asked, request: Request) -> None:
@@ -102,15 +108,41 @@ class RobotShell:
         move = request.message(Move)
         if self._is_under_way(asked, move):
             return
-        age_s = time.monotonic() - self._felt_s
-        done = self._robot.again(move, self._felt, age_s)
+        self._hold.check(time.monotonic())
+        robot, now_ns = self._moving, time.monotonic_ns()
+        done = robot.again(move, now_ns)
         if done is not None:
             asked.reply(done)
             return
-        self._robot.move(move, self._felt, age_s)
+        try:
+            robot.move(move, now_ns)
+        except DeadSensorError as error:
+            # Once the sensor is mended, the episode begins anew.
+            robot.lost()
+            self._hold.insist(str(error), time.time_ns())
+            raise
         self._begin(asked, move, self._arm.move(increment_of(move), move.episode, move.step))
 
+    def on_resume(self, request: Request) -> Stop:
+        """Let the arm move again, or say what holds it. Raises StoppedError, LinkError."""
+        if not request.payload:
+            return self._hold.stop
+        resume, why = request.message(Resume), self._hold.stop.why
+        if not self._link.ready:
+            raise LinkError(f"resume: expected the controller to be ready, it is not: {self._link.trouble}")
+        stop = self._hold.resume(resume)
+        if why:
+            self._service.log.warning("somebody lets the arm move again after: %s", why)
+        return stop
+
     # -- details -----------------------------------------------------------------------------------------------------
+
+    @property
+    def _moving(self) -> Robot:
+        """What answers motions. Raises LinkError before it is known what runs."""
+        if self._robot is None:
+            raise LinkError("robot: expected to know what runs, got no answer of the task yet")
+        return self._robot
 
     def _is_under_way(self, asked: Asked, motion: Home | Move) -> bool:
         """Return whether this motion is being made; who asked waits for it then. Raises BusyError for another one."""
@@ -128,29 +160,43 @@ class RobotShell:
     def _ended(self, result: Increment | LinkError) -> None:
         motion, self._motion = self._motion, None
         waiting, self._asked = self._asked, []
+        if isinstance(result, LinkError):
+            self._hold.failed(str(result), time.time_ns(), time.monotonic())
         if isinstance(result, LinkError) or motion is None:
             for asked in waiting:
                 asked.refuse(result if isinstance(result, LinkError) else LinkError("robot: nothing was under way"))
             return
-        settle_ns = round(1e9 * self._settings.arm.settle_s)
-        t_ns = self._clock.arrived(time.monotonic_ns(), time.time_ns(), settle_ns)
-        answer: Moved
-        if isinstance(motion, Home):
-            answer = self._robot.homed(motion, t_ns)
-        else:
-            answer = self._robot.moved(motion, result, t_ns)
+        self._hold.made()
+        t_ns, robot = self._arrived_ns(), self._moving
+        answer = robot.homed(motion, t_ns) if isinstance(motion, Home) else robot.moved(motion, result, t_ns)
         for asked in waiting:
             asked.reply(answer)
 
+    def _arrived_ns(self) -> int:
+        settle_ns = round(1e9 * self._settings.arm.settle_s)
+        return self._clock.arrived(time.monotonic_ns(), time.time_ns(), settle_ns)
+
     def _on_lost(self, error: LinkError) -> None:
-        self._robot.lost()
+        if self._robot is not None:
+            self._robot.lost()
+        self._hold.trouble(str(error), time.time_ns())
         self._service.refuse(error)
 
     def _on_ft(self, packet: FtPacket) -> None:
-        self._felt, self._felt_s = packet, time.monotonic()
-        self._clock.heard(packet.t_ns, time.monotonic_ns())
+        robot, now_ns = self._robot, time.monotonic_ns()
+        if robot is None:
+            return
+        taken = robot.feel(packet, now_ns)
+        if taken == "old":
+            self._service.complain(f"sensor: expected newer samples, got number {packet.sequence} again", topic="old")
+            return
+        self._clock.heard(packet.t_ns, now_ns)
+        if taken == "other":
+            self._service.log.warning("sensor: its clock or its numbers went back: taken over as another one")
+            if self._motion is None:
+                robot.arrived(self._arrived_ns())
         if isinstance(self._motion, Move):  # home is the way out of a high force
-            complaint = self._robot.pressing(packet)
+            complaint = robot.pressing(packet)
             if complaint is not None:
                 self._link.give_up(LinkError(complaint))
 
@@ -160,8 +206,10 @@ class RobotShell:
             service.phase = f"waiting for the controller: {self._link.trouble}"[:200]
         elif self._motion is not None:
             service.phase = f"making {_name(self._motion)}"
+        elif self._hold.held:
+            service.phase = f"stopped: {self._hold.words()}"[:200]
         else:
-            complaint = self._robot.sensing(self._felt, time.monotonic() - self._felt_s)
+            complaint = None if self._robot is None else self._robot.sensing(time.monotonic_ns())
             service.phase = "running" if complaint is None else f"stands: {complaint}"[:200]
 
     def _ask(self) -> Experiment | None:

@@ -84,6 +84,8 @@ class Settings:
     arm: ArmSettings = field(default_factory=ArmSettings)
     oldest_s: float = 0.1
     """Age above which an F/T sample says nothing about now, 0.01 to 10 s."""
+    by_itself: bool = False
+    """Whether the arm may move without ``treenail resume``, after the start and after a stop: for emulators alone."""
 
     def __post_init__(self) -> None:
         """Raise SettingError for what cannot be used."""
@@ -115,6 +117,11 @@ def add_arguments(made: argparse.ArgumentParser) -> None:
     made.add_argument("--no-echo", action="store_true", help="the controller does not send back what it is sent")
     made.add_argument("--tell-episode", action="store_true", help="assign EPISODE and STEP before home and moves")
     made.add_argument("--oldest-s", type=float, default=Settings("").oldest_s, help="oldest F/T sample (0.1)")
+    made.add_argument(
+        "--auto-resume",
+        action="store_true",
+        help="an emulated arm: it moves without `treenail resume`, also after a stop",
+    )
 
 
 def settings(one: argparse.Namespace) -> Settings:
@@ -137,7 +144,7 @@ def settings(one: argparse.Namespace) -> Settings:
         tell_episode=one.tell_episode,
     )
     line = LineSettings(baud=one.baud, parity=one.parity, stop=one.stop, xonxoff=one.xonxoff)
-    return Settings(one.url, line, arm, one.oldest_s)
+    return Settings(one.url, line, arm, one.oldest_s, one.auto_resume)
 
 
 def _within(name: str, value: float, low: float, high: float) -> None:

@@ -13,10 +13,16 @@ from __future__ import annotations
 from services.wire.errors import RefusedError
 from services.wire.messages import Resume, Stop
 
-MOST_FAILED = 10
+MOST_FAILED = 15
 """Motions that may fail one after the other before an arm that may go on by itself is held, too."""
+RETRY_S = (0.05, 10.0)
+"""Shortest and longest pause after a motion that failed; each is twice the one before."""
 _LONGEST = 120
 """Of a reason [characters], so that the hint behind it is seen in every phase."""
+
+
+class PauseError(RefusedError):
+    """A motion failed just now; the next one may be asked for in a moment."""
 
 
 class StoppedError(RefusedError):
@@ -32,6 +38,7 @@ class Hold:
         """``by_itself``: the arm is an emulated one, which may go on without being told."""
         self._by_itself = by_itself
         self._failed = 0
+        self._not_before_s = 0.0
         self.stop = Stop(stop_t_ns=0, why="")
         """Why the arm is held; time 0 when it is not."""
         self.trouble("nothing has been let move since the robot link started", t_ns)
@@ -46,9 +53,14 @@ class Hold:
         if not self._by_itself:
             self._hold(why, t_ns)
 
-    def failed(self, why: str, t_ns: int) -> None:
-        """Note that a motion did not succeed."""
+    def insist(self, why: str, t_ns: int) -> None:
+        """Hold the arm, whatever arm it is."""
+        self._hold(why, t_ns)
+
+    def failed(self, why: str, t_ns: int, now_s: float) -> None:
+        """Note that a motion did not succeed, at ``now_s`` of a clock that does not go back."""
         self._failed += 1
+        self._not_before_s = now_s + min(RETRY_S[1], RETRY_S[0] * 2.0 ** (self._failed - 1))
         if not self._by_itself:
             self._hold(why, t_ns)
         elif self._failed >= MOST_FAILED:
@@ -58,10 +70,13 @@ class Hold:
         """Note that a motion was made."""
         self._failed = 0
 
-    def check(self) -> None:
-        """Raise StoppedError while nothing may move."""
+    def check(self, now_s: float) -> None:
+        """Raise StoppedError while nothing may move, PauseError for a moment after a motion that failed."""
         if self.held:
             raise StoppedError(self.words())
+        if now_s < self._not_before_s:
+            wait_s = self._not_before_s - now_s
+            raise PauseError(f"robot: {self._failed} motions failed one after the other; the next in {wait_s:.1f} s")
 
     def words(self) -> str:
         """Return why nothing moves, and what to do."""
@@ -72,7 +87,7 @@ class Hold:
         if self.held and request.stop_t_ns != self.stop.stop_t_ns:
             expected = f"resume: expected the name of the stop that holds the arm, {self.stop.stop_t_ns}"
             raise StoppedError(f"{expected}, got {request.stop_t_ns}; look again: {self.stop.why}")
-        self._failed = 0
+        self._failed, self._not_before_s = 0, 0.0
         self.stop = Stop(stop_t_ns=0, why="")
         return self.stop
 

@@ -13,7 +13,7 @@ import math
 from msgspec.structs import replace
 
 from services.rules.guard import OLDEST_S, Guard, increment_of
-from services.rules.senses import Senses
+from services.rules.senses import Senses, Taken
 from services.rules.touch import Touch
 from services.wire.actions import Increment
 from services.wire.definition import Definition
@@ -54,12 +54,12 @@ class Robot:
         self._last: Home | Move | None = None
         self._done: Moved | None = None
 
-    def feel(self, packet: FtPacket, now_ns: int) -> bool:
-        """Take an F/T packet; True when it is the first of another source, whose times are not those before."""
-        other = self._senses.take(packet, now_ns)
-        if packet is self._senses.newest:
+    def feel(self, packet: FtPacket, now_ns: int) -> Taken:
+        """Take an F/T packet, and return what it is; the times of another source are not those before."""
+        taken = self._senses.take(packet, now_ns)
+        if taken != "old":
             self._touch.feel(packet)
-        return other
+        return taken
 
     def feel_anew(self) -> None:
         """Take the next packet for new, whatever its number and time are."""

@@ -132,7 +132,7 @@ class Learner(Protocol):
         """
 
     def finish(self, previous: tuple[int, int, float]) -> None:
-        """Learn from the last (state, action, reward) of an episode."""
+        """Learn from the last (state, action, reward) of an episode, unless ``limits.truncation`` leaves it out."""
 
     def snapshot(self) -> dict[str, bytes | int]:
         """Return the table, ``states`` and ``version`` among it."""

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Sequence
+from typing import Literal
 
 from services.wire.definition import Definition
 from services.wire.messages import FtPacket
@@ -27,10 +28,16 @@ RISING = 3
 """Packets of another source that must follow each other before it is believed."""
 CHANCE = 1e-12
 """Of noise that shows the same count for so many motions: then it is no noise."""
-LEAST_MOTIONS, MOST_MOTIONS = 5, 1000
-"""After how many motions without a change a sensor is dead at the earliest; above the most, nothing can be said."""
+LEAST_MOTIONS, LEAST_OF_ONE, MOST_MOTIONS = 5, 20, 1000
+"""After how many motions without a change a sensor, and one of its components, are dead at the earliest.
+
+Where it would take more than the most, nothing can be said.
+"""
 _AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 _WINDOW_NS = NS
+
+Taken = Literal["new", "old", "other"]
+"""What a packet is: newer than those before; old, or not yet believed; the first of another source."""
 
 
 class LeastDelay:
@@ -58,35 +65,31 @@ class LeastDelay:
         self._ahead_ns.clear()
 
 
-class Senses:
-    """The newest sample of a sensor, and why it is not to be trusted."""
+class Freshness:
+    """The newest sample of a sensor, and how old it is."""
 
-    def __init__(self, definition: Definition) -> None:
+    def __init__(self) -> None:
         self.newest: FtPacket | None = None
         self._heard_ns = 0
         self._delay = LeastDelay()
         self._other: FtPacket | None = None
         self._rising = 0
         self._turned_ns: int | None = None
-        self._load: tuple[float, ...] = ()
-        self._still = [0] * len(_AXES)
-        """Motions since a component changed."""
-        self._most_still, self._most_dead = _patience(definition)
 
-    def take(self, packet: FtPacket, now_ns: int) -> bool:
-        """Take a packet that came at ``now_ns`` of our clock; True when it is the first of another source."""
+    def take(self, packet: FtPacket, now_ns: int) -> Taken:
+        """Take a packet that came at ``now_ns`` of our clock, and return what it is."""
         if self.newest is None or _follows(packet, self.newest):
             self._accept(packet, now_ns)
-            return False
+            return "new"
         self._rising = self._rising + 1 if self._other is not None and _follows(packet, self._other) else 1
         self._other = packet
         early = self._turned_ns is not None and now_ns - self._turned_ns < TURN_EVERY_S * NS
         if self._rising < RISING or early:
-            return False
+            return "old"
         self._turned_ns = now_ns
         self._delay.forget()
         self._accept(packet, now_ns)
-        return True
+        return "other"
 
     def forget(self) -> None:
         """Take whatever comes next for new: the sensor begins anew, as the simulator's does with each ``home``."""
@@ -100,6 +103,29 @@ class Senses:
         there_ns = self._delay.there_ns(now_ns)
         late_ns = 0 if there_ns is None else there_ns - self.newest.t_ns
         return max(now_ns - self._heard_ns, late_ns) / NS
+
+    def _accept(self, packet: FtPacket, now_ns: int) -> None:
+        self.newest, self._heard_ns = packet, now_ns
+        self._other, self._rising = None, 0
+        self._delay.heard(packet.t_ns, now_ns)
+
+
+class Senses(Freshness):
+    """The same for a robot, and whether the sensor is alive."""
+
+    def __init__(self, definition: Definition) -> None:
+        super().__init__()
+        self._load: tuple[float, ...] = ()
+        self._still = [0] * len(_AXES)
+        """Motions since a component changed."""
+        self._most_still, self._most_dead = _patience(definition)
+
+    def take(self, packet: FtPacket, now_ns: int) -> Taken:
+        """See Freshness."""
+        taken = super().take(packet, now_ns)
+        if taken != "old":
+            self._look(packet)
+        return taken
 
     def homed(self) -> None:
         """Take note of a ``home``: what was repeated before it does not count."""
@@ -120,16 +146,15 @@ class Senses:
         got = f"the very same {', '.join(still)} in {motions} motions"
         return f"guard: sensor: expected one that shows noise, got {got}; is it dead? only home is taken"
 
-    def _accept(self, packet: FtPacket, now_ns: int) -> None:
-        self.newest, self._heard_ns = packet, now_ns
-        self._other, self._rising = None, 0
-        self._delay.heard(packet.t_ns, now_ns)
+    def _look(self, packet: FtPacket) -> None:
+        """Note which components change."""
         for force_n, torque_nm in zip(packet.force_n, packet.torque_nm, strict=False):
             load = (*force_n, *torque_nm)
             if load != self._load:
-                for axis, (before, now) in enumerate(zip(self._load or (None,) * len(load), load, strict=True)):
-                    if before != now:
-                        self._still[axis] = 0
+                before = self._load or (math.nan,) * len(load)
+                self._still = [
+                    count if old == new else 0 for count, old, new in zip(self._still, before, load, strict=True)
+                ]
                 self._load = load
 
 
@@ -148,12 +173,12 @@ def _patience(definition: Definition) -> tuple[Sequence[float], float]:
         math.erf(count / spread / math.sqrt(8.0)) if spread else 1.0
         for count, spread in zip(counts, spreads, strict=True)
     ]
-    return [_motions(chance) for chance in same], _motions(math.prod(same))
+    return [_motions(chance, LEAST_OF_ONE) for chance in same], _motions(math.prod(same), LEAST_MOTIONS)
 
 
-def _motions(chance: float) -> float:
-    """Return how many motions without a change are less likely than CHANCE, each with this chance."""
+def _motions(chance: float, least: int) -> float:
+    """Return how many motions without a change are less likely than CHANCE, each with this chance; or the least."""
     if chance >= 1.0:
         return math.inf
-    motions = LEAST_MOTIONS if chance == 0.0 else max(LEAST_MOTIONS, math.ceil(math.log(CHANCE) / math.log(chance)))
+    motions = least if chance == 0.0 else max(least, math.ceil(math.log(CHANCE) / math.log(chance)))
     return motions if motions <= MOST_MOTIONS else math.inf

@@ -18,6 +18,7 @@ from services.wire.messages import FtPacket, Home
 ASIDE_MM = 0.5
 """How far the taught location may be from where it should be."""
 _SURE = 5.0
+_POINTS = 24
 
 
 class Touch:
@@ -27,7 +28,8 @@ class Touch:
         parts, wrist, noise = definition.parts, definition.wrist, definition.noise
         self._square = parts.shape == "square"
         self._clearance_mm, self._chamfer_mm = parts.clearance_mm, parts.chamfer_mm
-        self._radius_mm = parts.peg_width_mm / 2
+        self._half_mm = parts.peg_width_mm / 2
+        self._edge = _edge(self._square, self._half_mm)
         self._contact_n = definition.limits.contact_force_n
         # The tip gives way by the wrist's shift, by its turn about the sensor's point, and by the peg's own surface.
         soft = 1.0 / wrist.stiffness_n_per_mm + wrist.sensor_height_mm**2 / (1000.0 * wrist.stiffness_nm_per_rad)
@@ -64,7 +66,7 @@ class Touch:
         if self._touched:
             return None
         errors_mm = (self._error_mm + self._turn_error) * math.sqrt(self._moves)
-        inside_mm = self._inside_mm(self._position)
+        inside_mm = self._inside_mm()
         if inside_mm <= self._felt_mm + ASIDE_MM + errors_mm:
             return None
         expected = f"expected a touch of {self._contact_n:g} N at the latest {inside_mm:.2f} mm inside the material"
@@ -75,11 +77,22 @@ class Touch:
         x, y, z = self._position
         return x + dx, y + dy, z + dz
 
-    def _inside_mm(self, tip: Vector) -> float:
-        """Return the least way [mm] out of the material for the tip's face there; 0 when it is free."""
-        x, y, z = tip
-        # A tilted round face is narrower across the hole.
-        lean = self._radius_mm * (1.0 - abs(self._turn[2][2]))
-        aside = max(abs(x), abs(y)) if self._square else math.hypot(x, y)
-        over = aside - lean - self._clearance_mm - max(0.0, self._chamfer_mm - z)
-        return max(0.0, min(z, over / math.sqrt(2.0)))
+    def _inside_mm(self) -> float:
+        """Return the least way [mm] out of the material for the edge of the tip; 0 when all of it is free."""
+        x, y, z = self._position
+        deepest_mm = 0.0
+        for point in self._edge:
+            dx, dy, dz = turned(self._turn, point)
+            px, py, pz = x + dx, y + dy, z + dz
+            aside = max(abs(px), abs(py)) if self._square else math.hypot(px, py)
+            over = aside - self._half_mm - self._clearance_mm - max(0.0, self._chamfer_mm - pz)
+            deepest_mm = max(deepest_mm, min(pz, over / math.sqrt(2.0)))
+        return deepest_mm
+
+
+def _edge(square: bool, half_mm: float) -> tuple[Vector, ...]:
+    """Return points on the edge of the tip, in the tool frame [mm]."""
+    if square:
+        return tuple((x, y, 0.0) for x in (-half_mm, half_mm) for y in (-half_mm, half_mm))
+    angles = (2.0 * math.pi * n / _POINTS for n in range(_POINTS))
+    return tuple((half_mm * math.cos(angle), half_mm * math.sin(angle), 0.0) for angle in angles)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 
+from services.bus.opening import Opening
 from services.bus.service import Options, Service
 from services.sensor_jr3 import memory_map as jr3
 from services.sensor_jr3.card import Card, CardError, ChangedError, NoCardError, NoSensorError
@@ -28,6 +29,7 @@ SILENT_S = 0.05
 RETRY_S = (0.05, 2.0)
 """Shortest and longest pause before a card is tried again; each is twice the one before."""
 _EVENTS = 32
+_OPENING_S = 0.01
 _NO_CARD = 0xFFFF
 _NOTHING: tuple[Force, Torque] = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
@@ -60,13 +62,24 @@ class SensorShell:
         while not self._service.stopping:
             card: Card | None = None
             try:
-                card = open_card(self._settings.url)
-                self._use(card)
+                card = self._open()
+                if card is not None:
+                    self._use(card)
             except CardError as error:
                 self._failed(error)
             finally:
                 if card is not None:
                     card.close()
+
+    def _open(self) -> Card | None:
+        """Open the card, working meanwhile: who does not answer may take seconds. None when stopped before."""
+        opening = Opening(lambda: open_card(self._settings.url), lambda card: card.close())
+        while not self._service.stopping:
+            if opening.done:
+                return opening.result()
+            self._service.work(_OPENING_S)
+        opening.abandon()
+        return None
 
     def _use(self, card: Card) -> None:
         """Publish until stopped; raises CardError."""

@@ -9,8 +9,8 @@ from services.bus.service import Options, Service
 from services.sim.cell import SimulatedCell
 from services.sim.progress import follow
 from services.wire.errors import ContractError, NoAnswerError
-from services.wire.keys import EXPERIMENT, FT, HOME, MOVE, TRUTH
-from services.wire.messages import Experiment, FtPacket, Home, Move, Moved, Truth
+from services.wire.keys import EXPERIMENT, FT, HOME, MOVE, RESUME, TRUTH
+from services.wire.messages import Experiment, FtPacket, Home, Move, Moved, Stop, Truth
 
 TRUTH_EVERY_S = 1 / 30
 
@@ -32,6 +32,7 @@ def work(service: Service, progress: bool = False) -> None:
         follow(service, experiment)
     service.answer(HOME, shell.on_home)
     service.answer(MOVE, shell.on_move)
+    service.answer(RESUME, lambda _: Stop(stop_t_ns=0, why=""))  # nobody is hurt: nothing ever holds it
     service.ready()
     service.loop()
 

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 
 from services.bus.service import Service
+from services.rules.senses import Freshness
 from services.wire.keys import FT, HOME, MOVE
 from services.wire.messages import FtPacket, Home, Move, Moved, Refusal
 
 FELT_WITHIN_S = 0.5
 RETRY_S = 0.05
+STOPPED_S = 0.25
+"""Pause before a motion is asked for again that somebody has to let the arm make."""
 KEPT = 64
 """Packets that are kept to find the one of a motion among."""
 
@@ -24,6 +28,8 @@ class Robot:
         self._motions: list[Home | Move] = []
         self._felt: deque[FtPacket] = deque(maxlen=KEPT)
         """The newest packets since a motion was asked for."""
+        self._fresh = Freshness()
+        self._pause_s = RETRY_S
         service.subscribe(FT, FtPacket, self._on_ft, "sim", "sensor_jr3")
 
     def go(self, motion: Home | Move) -> tuple[Moved, FtPacket] | None:
@@ -38,7 +44,7 @@ class Robot:
                 service.phase = "running"
                 return done
             service.complain(service.phase)
-            service.work_until(lambda: False, RETRY_S)
+            service.work_until(lambda: False, self._pause_s)
         return None
 
     def _try(self, motion: Home | Move) -> tuple[Moved, FtPacket] | None:
@@ -46,6 +52,8 @@ class Robot:
         answer = self._ask(motion)
         if isinstance(answer, Refusal) and answer.reason == "out_of_order" and self._bring_back():
             answer = self._ask(motion)
+        stopped = isinstance(answer, Refusal) and answer.reason == "stopped"
+        self._pause_s = STOPPED_S if stopped else RETRY_S
         if answer is None:
             service.phase = "waiting for robot (no answer to a motion)"
             return None
@@ -81,4 +89,6 @@ class Robot:
         return None
 
     def _on_ft(self, packet: FtPacket) -> None:
-        self._felt.append(packet)
+        """Keep a packet; of a stream only one that is new."""
+        if packet.period_ns == 0 or self._fresh.take(packet, time.monotonic_ns()) != "old":
+            self._felt.append(packet)

@@ -140,6 +140,8 @@ class Limits(_Checked, frozen=True, kw_only=True):
     """An episode ends after more than this many moves in a row without one in +Z; 0 switches the rule off."""
     move_limit: Annotated[int, Meta(ge=10, le=100000)] = 1000
     """An episode ends after this many moves, whatever happened; not in the thesis, only a safety net."""
+    truncation: Literal["untaught", "terminal"] = "untaught"
+    """What an episode cut by ``move_limit`` teaches by its last decision: nothing, or that all ends there."""
 
 
 class InsertionReward(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="insertion"):

@@ -108,7 +108,7 @@ class Moved(Message, frozen=True, kw_only=True):
 
 
 class Resume(Message, frozen=True, kw_only=True):
-    """Request on ``resume``: let the arm move again after a stop. Asked without it, the answer is what holds the arm."""
+    """Request on ``resume``: let the arm move again after a stop. Asked without one, it is only said what holds it."""
 
     stop_t_ns: Count
     """Name of the stop that is meant; refused when another one has come since."""
@@ -171,7 +171,7 @@ class Action(LoopMessage, frozen=True, kw_only=True):
     state: Count
     action: Annotated[int, Meta(ge=0, le=63)]
     policy_version: Count
-    """Number of learning updates behind this decision, those that a swap has made worthless included."""
+    """Number of decisions behind this one that were learnt from, or that a swap or the move limit made worthless."""
 
 
 class Reward(LoopMessage, frozen=True, kw_only=True):
@@ -201,7 +201,7 @@ class EpisodeSummary(Message, frozen=True, kw_only=True):
 class Experiment(Message, frozen=True, kw_only=True):
     """Reply to ``experiment``: what runs, and how far it is."""
 
-    VERSION: ClassVar[int] = 6
+    VERSION: ClassVar[int] = 7
     LARGEST_BYTES: ClassVar[int] = 1 << 20
 
     run: RunId
@@ -285,7 +285,7 @@ class Classified(Message, frozen=True, kw_only=True):
 class RunRecord(Message, frozen=True, kw_only=True):
     """``journal/<run>/run``: what the run is; its presence proves that the store knows the run."""
 
-    VERSION: ClassVar[int] = 5
+    VERSION: ClassVar[int] = 6
     LARGEST_BYTES: ClassVar[int] = 1 << 20
 
     run: RunId
@@ -343,7 +343,7 @@ class Skill(Message, frozen=True, kw_only=True):
     It is named by the SHA-256 of its encoded bytes.
     """
 
-    VERSION: ClassVar[int] = 5
+    VERSION: ClassVar[int] = 6
     LARGEST_BYTES: ClassVar[int] = 1 << 24
 
     run: RunId

@@ -95,7 +95,8 @@ def emulated(rig: Rig, emulator: tuple[str, ...], link: tuple[str, ...]) -> None
     rig.wait_until("the emulator listens", lambda: re.search(r"socket://\S+", process.out))
     (url,) = re.findall(r"socket://\S+", process.out)
     rig.feels.set()
-    rig.start("robot_link", "--url", url, "--oldest-s", "2", "--settle-s", "0", "--withdraw-mm", "20", *link)
+    usual = ("--oldest-s", "2", "--settle-s", "0", "--withdraw-mm", "20", "--auto-resume")
+    rig.start("robot_link", "--url", url, *usual, *link)
 
 
 MAKE: dict[str, Callable[[Rig], None]] = {

@@ -11,6 +11,7 @@ import pytest
 from services.robot_link.emulator.server import press
 
 COUNTS = ("sensor.full_scale_n=65", "sensor.full_scale_dnm=50")
+EMULATED = ("--auto-resume",)
 NOISE = ("noise.along_mm=0.005", "noise.across_mm=0.002", "noise.force_n=0.01", "limits.hard_force_n=28.0")
 
 
@@ -71,31 +72,56 @@ def whole_cell(
     (url,) = re.findall(r"tcp://\S+", card.out)
     live.start("sensor_jr3", "--url", url, "--settle-s", "0")
     robot: Emulated = emulate("--world", "a-world", "--sensor-s", "5", *connect, *emulator)
-    options = ("--url", robot.url, "--settle-s", "0.002", "--oldest-s", "5", "--withdraw-mm", "20", *link)
-    live.start("robot_link", *options)
+    live.start("robot_link", *patient(robot), *link)
     return robot
 
 
+def patient(robot: Emulated) -> tuple[str, ...]:
+    """Return the options of a robot link whose machine may be slow."""
+    return ("--url", robot.url, "--settle-s", "0.002", "--oldest-s", "5", "--withdraw-mm", "20")
+
+
+def resume(live: Any) -> tuple[int, str]:
+    """Let the arm move as a person does; return the exit status and what was said."""
+    command = live.run_module("treenail", "resume", "--connect", live.endpoint)
+    return command.end(), command.out + command.err
+
+
+def held(live: Any, robot: Emulated, why: str) -> int:
+    """Wait until the arm is stopped for a reason, and return how many motions it has made."""
+    live.wait_until(
+        f"stopped: {why}", lambda: why.lower() in live.phase("robot_link").lower() and "stopped" in live.phase("task")
+    )
+    return robot.motions()
+
+
+def stays(live: Any, robot: Emulated, motions: int) -> None:
+    """Fail when the arm moves although it is asked for motions again and again."""
+    asked = live.refused("robot_link").get("StoppedError", 0)
+    live.wait_until("it is asked", lambda: live.refused("robot_link").get("StoppedError", 0) > asked + 5)
+    assert robot.motions() == motions
+
+
 def test_a_cell_through_serial_bytes_ends_byte_equal(live: Any, emulate: Any, reference: Any) -> None:
-    robot = whole_cell(live, emulate, 3)
+    robot = whole_cell(live, emulate, 3, *EMULATED)
     assert live.digests() == reference(3, 1, *COUNTS)
     assert robot.motions() > 3 * 5
 
 
 def test_noise_is_the_same_when_episode_and_step_are_told(live: Any, emulate: Any, reference: Any) -> None:
-    whole_cell(live, emulate, 2, "--tell-episode", overrides=NOISE)
+    whole_cell(live, emulate, 2, *EMULATED, "--tell-episode", overrides=NOISE)
     assert live.digests() == reference(2, 1, *COUNTS, *NOISE)
 
 
 def test_a_cell_over_the_supervisor_line_ends_byte_equal(live: Any, emulate: Any, reference: Any) -> None:
-    supervisor = ("--mode", "supervisory", "--ddcmp-listen", "0", "--tell-episode")
+    supervisor = (*EMULATED, "--mode", "supervisory", "--ddcmp-listen", "0", "--tell-episode")
     robot = whole_cell(live, emulate, 2, *supervisor, emulator=("--mode", "supervisory"))
     assert live.digests() == reference(2, 1, *COUNTS)
     assert robot.motions() > 2 * 5
 
 
 def test_faults_on_the_line_change_nothing(live: Any, emulate: Any, reference: Any) -> None:
-    robot = whole_cell(live, emulate, 6)
+    robot = whole_cell(live, emulate, 6, *EMULATED)
     for fault in ("garbage 1", "misheard 1", "nonsense 1", "half_way 1", "say *E-STOP*", "hangup"):
         before = robot.motions()
         live.wait_until("it moves", lambda since=before: robot.motions() > since + 4)
@@ -106,11 +132,11 @@ def test_faults_on_the_line_change_nothing(live: Any, emulate: Any, reference: A
 
 
 def test_killed_in_mid_episode_link_and_simulator_go_on(live: Any, emulate: Any, reference: Any) -> None:
-    robot = whole_cell(live, emulate, 4)
+    robot = whole_cell(live, emulate, 4, *EMULATED)
     live.wait_actions(5)
     live.processes["robot_link"].popen.kill()
     live.processes["robot_link"].end()
-    live.start("robot_link", "--url", robot.url, "--settle-s", "0.002", "--oldest-s", "5", "--withdraw-mm", "20")
+    live.start("robot_link", *patient(robot), *EMULATED)
     live.wait_actions(5)
     live.processes["sim"].popen.kill()
     live.processes["sim"].end()
@@ -118,13 +144,52 @@ def test_killed_in_mid_episode_link_and_simulator_go_on(live: Any, emulate: Any,
     assert live.digests() == reference(4, 1, *COUNTS)
 
 
-def test_arm_power_off_is_said_and_power_on_goes_on(live: Any, emulate: Any, reference: Any) -> None:
-    robot = whole_cell(live, emulate, 2)
+def test_an_emulated_arm_goes_on_by_itself_when_its_power_is_back(live: Any, emulate: Any, reference: Any) -> None:
+    robot = whole_cell(live, emulate, 2, *EMULATED)
     live.wait_until("it moves", lambda: robot.motions() > 6)
     assert robot.press("power 0") == "ok"
     live.wait_until("the task says it", lambda: "power off" in live.phase("task").lower())
     assert robot.press("power 1") == "ok"
     assert live.digests() == reference(2, 1, *COUNTS)
+
+
+def test_an_arm_moves_only_when_somebody_says_so(live: Any, emulate: Any, reference: Any) -> None:
+    """Arm power is cut, the stop outlives its cause, and whoever is started anew; nothing is lost of the run."""
+    robot = whole_cell(live, emulate, 3)
+    assert held(live, robot, "since the robot link started") == 0
+    stays(live, robot, 0)
+    assert resume(live)[0] == 0
+    live.wait_until("it moves", lambda: robot.motions() > 10)
+    assert robot.press("power 0") == "ok"
+    held(live, robot, "POWER OFF")
+    assert robot.press("power 1") == "ok"
+    made = robot.motions()
+    stays(live, robot, made)
+    for victim in ("task", "robot_link"):
+        live.processes[victim].popen.kill()
+        live.processes[victim].end()
+    sets = [word for item in COUNTS for word in ("--set", item)]
+    live.start("task", "--experiment", str(live.definition), "--seed", "1", "--episodes", "3", *sets)
+    live.start("robot_link", *patient(robot))
+    held(live, robot, "since the robot link started")
+    stays(live, robot, made)
+    status, said = resume(live)
+    assert status == 0, said
+    assert "stopped: nothing has been let move" in said
+    assert live.digests() == reference(3, 1, *COUNTS)
+    assert resume(live) == (0, "nothing holds the arm\n")
+
+
+@pytest.mark.parametrize("fault", ["say *E-STOP*", "half_way 1", "hangup"])
+def test_whatever_stops_a_motion_holds_the_arm(live: Any, emulate: Any, fault: str) -> None:
+    robot = whole_cell(live, emulate, 3)
+    held(live, robot, "since the robot link started")
+    assert resume(live)[0] == 0
+    live.wait_until("it moves", lambda: robot.motions() > 10)
+    assert robot.press(fault) == "ok"
+    live.wait_until("it is stopped", lambda: "stopped" in live.phase("robot_link"))
+    stays(live, robot, robot.motions())
+    assert "treenail resume" in live.phase("task")
 
 
 def test_the_wrong_convention_moves_nothing(live: Any, emulate: Any) -> None:
@@ -141,7 +206,7 @@ def test_the_wrong_convention_moves_nothing(live: Any, emulate: Any) -> None:
 def test_a_home_that_outlasts_its_asker_is_answered_when_asked_again(live: Any, emulate: Any) -> None:
     robot: Emulated = emulate("--motion-s", "1.1")
     live.start_loop(1, "task")
-    live.start("robot_link", "--url", robot.url, "--withdraw-mm", "10")
+    live.start("robot_link", "--url", robot.url, "--withdraw-mm", "10", *EMULATED)
     live.wait_until("nobody answers in time", lambda: "no answer to a motion" in live.phase("task"))
     live.wait_until("it is homed", lambda: "no F/T sample after a motion" in live.phase("task"))
     assert robot.motions() == 3, "homed once, however often it was asked"

@@ -31,5 +31,5 @@ def test_a_cell_over_the_supervisor_line_ends_byte_equal(live: Any, reference: C
     robot = live.run_module("services.robot_link.emulator", *world, *connect)
     url = found(live, robot, r"listening on (socket://\S+)")
     patience = ("--settle-s", "0.002", "--oldest-s", "5", "--withdraw-mm", "20")
-    live.start("robot_link", "--url", url, "--mode", "supervisory", *patience)
+    live.start("robot_link", "--url", url, "--mode", "supervisory", "--auto-resume", *patience)
     assert live.digests() == reference(2, 1, *SENSOR)

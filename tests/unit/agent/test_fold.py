@@ -12,7 +12,8 @@ from msgspec.structs import replace
 
 from services.agent.fold import AgentFold
 from services.wire.codec import decode_payload, encode
-from services.wire.definition import TD_LEARNERS, Definition
+from services.wire.definition import TD_LEARNERS, Definition, Limits
+from services.wire.definition_file import load, shipped
 from services.wire.errors import DivergedError, ForeignRunError, GapError, TreenailError
 from services.wire.messages import Action, EpisodeSummary, JournalEpisode, JournalStep, Reward, State
 
@@ -384,3 +385,52 @@ def test_a_checkpoint_replaces_all_that_was_answered_before() -> None:
         fold.decide(SEEN[EPISODES[0] + EPISODES[1]][0])
     run(fold, fold.decisions)
     assert memory(fold) == memory(run(fresh("q_learning")))
+
+
+# -- an episode that is cut by the move limit ---------------------------------------------------------------------
+
+
+def cut_run(kind: Kind, truncation: Literal["untaught", "terminal"]) -> AgentFold:
+    """Fold episodes that wander in one state, each cut by the move limit after five decisions."""
+    limits = Limits(truncation=truncation)
+    fold = AgentFold(Definition(name="test", learner=TD_LEARNERS[kind](), limits=limits), RUN, SEED)
+    for decision in range(1000):
+        place = {"run": RUN, "episode": decision // 5, "step": decision % 5, "decision": decision}
+        fold.decide(State(**place, state=0, states=1, match=0.5))  # type: ignore[arg-type]
+        terminal = "move_limit" if decision % 5 == 4 else None
+        fold.reward(Reward(**place, reward=-1.0, terminal=terminal))  # type: ignore[arg-type]
+    return fold
+
+
+@both_kinds
+def test_a_limit_of_time_does_not_make_wandering_look_cheap(kind: Kind) -> None:
+    """What wandering costs for ever is 1 / (1 - gamma) = 20; taught as an end it seems much less."""
+    values = {how: cut_run(kind, how).learner.values(0).max() for how in ("untaught", "terminal")}  # type: ignore[arg-type]
+    assert values["terminal"] > -9.0
+    assert values["untaught"] < -13.0
+
+
+@both_kinds
+def test_what_was_cut_counts_in_the_version_and_is_kept(kind: Kind) -> None:
+    fold = cut_run(kind, "untaught")
+    assert fold.version == fold.decisions == 1000
+    assert fold.learner.version == 800
+    assert fold.between_episodes
+    again = AgentFold(Definition(name="test", learner=TD_LEARNERS[kind]()), RUN, SEED)
+    again.restore(fold.snapshot())
+    assert (memory(again), again.version) == (memory(fold), fold.version)
+
+
+@both_kinds
+@pytest.mark.parametrize("outcome", ["inserted", "collision", "no_progress"])
+def test_true_ends_are_taught(kind: Kind, outcome: Literal["inserted", "collision", "no_progress"]) -> None:
+    fold = fresh(kind)
+    state, reward = SEEN[0]
+    fold.decide(state)
+    fold.reward(replace(reward, terminal=outcome))
+    assert fold.learner.version == 1
+
+
+@pytest.mark.parametrize("name", shipped())
+def test_the_experiments_of_the_thesis_say_that_all_ends_there(name: str) -> None:
+    assert load(name).limits.truncation == "terminal"

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from services.robot_link import link as links
 from services.robot_link.arrival import SensorClock
@@ -59,6 +61,23 @@ def test_a_sensor_with_another_clock_is_believed_at_once() -> None:
     assert clock.arrived(2 * MS, 0, 0) == DAY - 3600_000 * MS + 1 * MS
 
 
+@pytest.mark.parametrize("back_ms", [300, 20_000, 3600_000])
+def test_nothing_of_a_clock_that_was_set_back_is_kept(back_ms: int) -> None:
+    clock = SensorClock()
+    clock.heard(DAY, 10 * MS)
+    clock.arrived(11 * MS, 0, 5000 * MS)
+    clock.heard(DAY - back_ms * MS, 20 * MS)
+    assert clock.arrived(21 * MS, 0, 0) == DAY - back_ms * MS + 1 * MS
+
+
+def test_packets_that_come_late_do_not_set_the_clock_back() -> None:
+    clock = SensorClock()
+    for number in range(100):
+        clock.heard(DAY + number * MS, number * MS)
+    clock.heard(DAY + 100 * MS, 600 * MS)  # half a second late
+    assert clock.arrived(600 * MS, 0, 0) == DAY + 600 * MS
+
+
 def home(robot: Robot, episode: int = 0) -> Home:
     start = Definition(name="any").start
     made = Home(
@@ -80,23 +99,35 @@ def test_order_guard_and_repetition() -> None:
     robot = Robot(Definition(name="any"), "r", 0.1)
     move = Move(run="r", episode=0, step=1, dx_mm=0.2)
     with pytest.raises(OutOfOrderError, match="not homed"):
-        robot.move(move, GOOD, 0.0)
+        robot.move(move, 0)
     home(robot)
     with pytest.raises(GuardError, match="got none"):
-        robot.move(move, None, 0.0)
+        robot.move(move, 0)
+    robot.feel(GOOD, 0)
     with pytest.raises(GuardError, match=r"0.200 s ago"):
-        robot.move(move, GOOD, 0.2)
+        robot.move(move, 200 * MS)
     with pytest.raises(OtherRunError):
-        robot.move(Move(run="x", episode=0, step=1), GOOD, 0.0)
-    robot.move(move, GOOD, 0.0)
+        robot.move(Move(run="x", episode=0, step=1), 0)
+    robot.move(move, 0)
     done = robot.moved(move, Increment(dx_mm=0.2), 2)
-    assert robot.again(move, GOOD, 0.0) == done
+    assert robot.again(move, 0) == done
     with pytest.raises(GuardError):
-        robot.again(move, GOOD, 0.2)
+        robot.again(move, 200 * MS)
     robot.lost()
-    assert robot.again(move, GOOD, 0.0) is None
+    assert robot.again(move, 0) is None
     with pytest.raises(OutOfOrderError, match="not homed"):
-        robot.move(Move(run="r", episode=0, step=2), GOOD, 0.0)
+        robot.move(Move(run="r", episode=0, step=2), 0)
+
+
+def test_a_motion_asked_for_again_is_answered_in_the_time_of_the_sensor_that_there_is_now() -> None:
+    robot = Robot(Definition(name="any"), "r", 0.1)
+    home(robot)
+    robot.feel(GOOD, 0)
+    move = Move(run="r", episode=0, step=1, dx_mm=0.2)
+    robot.move(move, 0)
+    done = robot.moved(move, Increment(dx_mm=0.2), DAY)
+    robot.arrived(7)
+    assert robot.again(move, 0) == replace(done, arrived_t_ns=7)
 
 
 def test_a_force_above_the_hard_limit_stops_a_motion() -> None:
@@ -138,6 +169,64 @@ def test_a_line_is_opened_again_and_each_loss_is_told() -> None:
     assert not link.ready
     with pytest.raises(LinkError, match="lost"):
         link.run(arm.move(Increment(), 0, 1), lambda _: None)
+
+
+class Mute:
+    """A line whose other end is gone without a word: it opens, swallows what is said, and says nothing."""
+
+    def __init__(self) -> None:
+        self.opened = 0
+
+    def open(self) -> None:
+        self.opened += 1
+
+    def read(self, timeout_s: float = 0.0) -> bytes:
+        return b""
+
+    def write(self, data: bytes) -> None:
+        """Swallow it."""
+
+    def close(self) -> None:
+        """Nothing to close."""
+
+
+def test_a_line_that_swallows_everything_is_opened_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(links, "SILENT_S", 0.02)
+    monkeypatch.setattr(links, "RETRY_S", (0.0, 0.0))
+    lost: list[str] = []
+    line = Mute()
+    link = Link(
+        line, RawChannel(), Terminal(DIALECTS["val2"]), Arm(ArmSettings()).get_ready, lambda e: lost.append(str(e))
+    )
+    while line.opened < 3:
+        link.pump(0.001)
+    assert lost[0] == "robot: line: expected the controller to say something within 0.02 s, got nothing"
+
+
+class Unreachable(Mute):
+    """A line that takes as long to open as somebody likes."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.let, self.closed = threading.Event(), threading.Event()
+
+    def open(self) -> None:
+        self.let.wait()
+        super().open()
+
+    def close(self) -> None:
+        self.closed.set()
+
+
+def test_opening_blocks_nobody_and_is_undone_when_it_comes_too_late() -> None:
+    line = Unreachable()
+    link = Link(line, RawChannel(), Terminal(DIALECTS["val2"]), Arm(ArmSettings()).get_ready, lambda _: None)
+    for _ in range(20):
+        link.pump(0.0)
+    link.close()
+    assert not line.closed.is_set()
+    line.let.set()
+    assert line.closed.wait(60.0)
 
 
 class Wire:
