@@ -162,9 +162,7 @@ CONTRACT: dict[str, Row] = {
     EPISODE: Row("pub", (EpisodeSummary,), Access(put=("task",), hear=CLIENTS), "one finished episode"),
     MOVE: Row("query", (Move, Moved), Access(ask=("task",), answer=ROBOTS), "one increment"),
     HOME: Row("query", (Home, Moved), Access(ask=("task",), answer=ROBOTS), "to the start pose of an episode"),
-    RESUME: Row(
-        "query", (Resume, Stop), Access(ask=(OPERATOR,), answer=ROBOTS), "let the arm move again after a stop"
-    ),
+    RESUME: Row("query", (Resume, Stop), Access(ask=(OPERATOR,), answer=ROBOTS), "let the arm move again after a stop"),
     EXPERIMENT: Row("query", (Experiment,), Access(ask=CLIENTS, answer=("task",)), "what runs, and how far it is"),
     SWAP: Row(
         "query",

@@ -405,7 +405,7 @@ def cut_run(kind: Kind, truncation: Literal["untaught", "terminal"]) -> AgentFol
 @both_kinds
 def test_a_limit_of_time_does_not_make_wandering_look_cheap(kind: Kind) -> None:
     """What wandering costs for ever is 1 / (1 - gamma) = 20; taught as an end it seems much less."""
-    values = {how: cut_run(kind, how).learner.values(0).max() for how in ("untaught", "terminal")}  # type: ignore[arg-type]
+    values = {how: cut_run(kind, how).learner.values(0).max() for how in ("untaught", "terminal")}
     assert values["terminal"] > -9.0
     assert values["untaught"] < -13.0
 
