@@ -30,6 +30,8 @@ from services.wire.message_base import RunId as RunId
 from services.wire.message_base import ServiceName as ServiceName
 from services.wire.message_base import Sha256 as Sha256
 from services.wire.message_base import Torque as Torque
+from services.wire.stop_messages import Resume as Resume
+from services.wire.stop_messages import Stop as Stop
 from services.wire.swap_messages import Swap as Swap
 from services.wire.swap_messages import Swapped as Swapped
 from services.wire.swap_messages import SwapRequest as SwapRequest
@@ -105,21 +107,6 @@ class Moved(Message, frozen=True, kw_only=True):
     rx_deg: Degree = 0.0
     ry_deg: Degree = 0.0
     rz_deg: Degree = 0.0
-
-
-class Resume(Message, frozen=True, kw_only=True):
-    """Request on ``resume``: let the arm move again after a stop. Asked without one, it is only said what holds it."""
-
-    stop_t_ns: Count
-    """Name of the stop that is meant; refused when another one has come since."""
-
-
-class Stop(Message, frozen=True, kw_only=True):
-    """Reply to ``resume``: what holds the arm until somebody lets it move."""
-
-    stop_t_ns: Count
-    """When it was stopped, and the name of that stop; 0 when nothing holds it."""
-    why: Annotated[str, Meta(max_length=200)]
 
 
 PoseNumbers = tuple[Number, Number, Number, Number, Number, Number, Number]
