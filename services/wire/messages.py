@@ -30,8 +30,11 @@ from services.wire.message_base import RunId as RunId
 from services.wire.message_base import ServiceName as ServiceName
 from services.wire.message_base import Sha256 as Sha256
 from services.wire.message_base import Torque as Torque
-from services.wire.stop_messages import Resume as Resume
-from services.wire.stop_messages import Stop as Stop
+from services.wire.robot_messages import Home as Home
+from services.wire.robot_messages import Move as Move
+from services.wire.robot_messages import Moved as Moved
+from services.wire.robot_messages import Resume as Resume
+from services.wire.robot_messages import Stop as Stop
 from services.wire.swap_messages import Swap as Swap
 from services.wire.swap_messages import Swapped as Swapped
 from services.wire.swap_messages import SwapRequest as SwapRequest
@@ -64,49 +67,6 @@ class FtPacket(Message, frozen=True, kw_only=True):
     """0 is good. Bit 0 saturated, 1 near saturation, 2 sensor lost, 3 sensor changed, 4 not yet zeroed."""
     force_n: Annotated[tuple[Force, ...], Meta(min_length=1, max_length=64)]
     torque_nm: Annotated[tuple[Torque, ...], Meta(min_length=1, max_length=64)]
-
-
-class Home(Message, frozen=True, kw_only=True):
-    """Request on ``home``: put the peg at the start pose of an episode; pose of the tip in the hole frame."""
-
-    run: RunId
-    episode: Count
-    x_mm: Millimetre
-    y_mm: Millimetre
-    z_mm: Millimetre
-    rx_deg: Degree
-    ry_deg: Degree
-    rz_deg: Degree
-
-
-class Move(Message, frozen=True, kw_only=True):
-    """Request on ``move``: one increment. ``step`` counts from 1; a robot takes only the next, or the last again."""
-
-    run: RunId
-    episode: Count
-    step: Annotated[int, Meta(ge=1, le=2**62)]
-    dx_mm: Millimetre = 0.0
-    dy_mm: Millimetre = 0.0
-    dz_mm: Millimetre = 0.0
-    rx_deg: Degree = 0.0
-    ry_deg: Degree = 0.0
-    rz_deg: Degree = 0.0
-
-
-class Moved(Message, frozen=True, kw_only=True):
-    """Reply to ``home`` and ``move``: what was really applied, and from when on F/T samples show it."""
-
-    run: RunId
-    episode: Count
-    step: Count
-    arrived_t_ns: Count
-    """F/T samples with ``t_ns`` at or after this time were taken after the motion had settled."""
-    dx_mm: Millimetre = 0.0
-    dy_mm: Millimetre = 0.0
-    dz_mm: Millimetre = 0.0
-    rx_deg: Degree = 0.0
-    ry_deg: Degree = 0.0
-    rz_deg: Degree = 0.0
 
 
 PoseNumbers = tuple[Number, Number, Number, Number, Number, Number, Number]
