@@ -1,13 +1,16 @@
-"""Who may do what in a cell, by the name in a certificate; what is not allowed here, the router denies.
+"""Who may do what in a cell, by the name in a certificate or by the door; what is not allowed here, the router denies.
 
 ``python -m services.bus.access`` prints the table of docs/security.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
-from services.wire.keys import CLIENTS, CONTRACT, READERS, ROOT, STORED, Access, people, wild
+import zenoh
+
+from services.wire.keys import CLIENTS, CONTRACT, GUEST, READERS, ROOT, STORED, Access, people, wild
 
 ROUTER = "router"
 NAMES = (ROUTER, *CLIENTS)
@@ -15,7 +18,21 @@ NAMES = (ROUTER, *CLIENTS)
 ACCESS: dict[str, Access] = {**{key: row.access for key, row in CONTRACT.items()}, **STORED}
 """By key of the contract, and what may be asked for with one question."""
 
+FOR_ALL, FOR_THE_CELL = "@treenail/rights/all", "@treenail/rights/cell"
+"""What the router itself answers: the first to everybody, the second to who may do everything. No cell's keys."""
+
 _IN, _OUT = "ingress", "egress"
+_MESSAGES = (
+    "put",
+    "delete",
+    "declare_subscriber",
+    "query",
+    "reply",
+    "declare_queryable",
+    "liveliness_token",
+    "liveliness_query",
+    "declare_liveliness_subscriber",
+)
 _OWN: dict[str, tuple[tuple[str, str], ...]] = {
     "put": ((_IN, "put"),),
     "delete": ((_IN, "delete"),),
@@ -33,11 +50,58 @@ _ANY: dict[str, tuple[tuple[str, str], ...]] = {
 """The same, on keys with any name."""
 
 
-def access_control() -> dict[str, object]:
-    """Return Zenoh's configuration for ACCESS: for the cells of any name, with all else denied."""
+def by_certificate() -> dict[str, object]:
+    """Return Zenoh's configuration for ACCESS by names in certificates: for cells of any name, with all else denied."""
+    return _control({name: {"cert_common_names": [name]} for name in CLIENTS})
+
+
+def by_door(trusted: Sequence[str] = ()) -> dict[str, object]:
+    """Return Zenoh's configuration for ACCESS without certificates.
+
+    Who comes in by a Unix socket, which its folder guards, or by one of the ``trusted`` network interfaces is of the
+    cell and may do everything; whoever else comes is a guest.
+    """
+    control = _control({GUEST: {}})
+    everything = {"flows": [_IN, _OUT], "messages": list(_MESSAGES), "key_exprs": ["**", FOR_ALL, FOR_THE_CELL]}
+    rule = {"id": "everything", "permission": "allow", **everything}
+    doors: list[dict[str, object]] = [{"id": "own socket", "link_protocols": ["unixsock-stream"]}]
+    if trusted:
+        doors.append({"id": "trusted", "interfaces": list(trusted)})
+    policy = {"rules": ["everything"], "subjects": [door["id"] for door in doors]}
+    return {
+        **control,
+        "rules": [*control["rules"], rule],
+        "subjects": [*control["subjects"], *doors],
+        "policies": [*control["policies"], policy],
+    }
+
+
+def may(name: str, verb: str, key: str) -> bool:
+    """Return whether a client called ``name`` may do something with a key expression, without the cell in it.
+
+    What is no key expression, nobody may.
+    """
+    try:
+        wanted = zenoh.KeyExpr(key.partition("?")[0])
+    except zenoh.ZError:
+        return False
+    return any(
+        zenoh.KeyExpr(wild(known.replace("<service>", name) if verb in _OWN else known)).includes(wanted)
+        for known, access in ACCESS.items()
+        if name in getattr(access, verb)
+    )
+
+
+def who_may(verb: str, key: str) -> list[str]:
+    """Return the names of all clients that may do something with a key."""
+    return [name for name in CLIENTS if may(name, verb, key)]
+
+
+def _control(subjects: Mapping[str, Mapping[str, object]]) -> dict[str, Any]:
+    """Return what lets the clients of some names do what ACCESS says, by how each of them is told."""
     rules: list[dict[str, object]] = []
     policies: list[dict[str, object]] = []
-    for name in CLIENTS:
+    for name in subjects:
         mine: dict[tuple[str, str], set[str]] = {}
         for flow, message, key in _grants(name):
             mine.setdefault((flow, message), set()).add(key)
@@ -46,13 +110,15 @@ def access_control() -> dict[str, object]:
             what = {"flows": [flow], "messages": [message], "key_exprs": sorted(keys)}
             rules.append({"id": rule, "permission": "allow", **what})
         policies.append({"rules": list(named), "subjects": [name]})
-    subjects = [{"id": name, "cert_common_names": [name]} for name in CLIENTS]
     settings = {"enabled": True, "default_permission": "deny"}
-    return {**settings, "rules": rules, "subjects": subjects, "policies": policies}
+    told = [{"id": name, **how} for name, how in subjects.items()]
+    return {**settings, "rules": rules, "subjects": told, "policies": policies}
 
 
 def _grants(name: str) -> Iterator[tuple[str, str, str]]:
     """Give the flow, message and key expression of all that a client may do."""
+    yield _IN, "query", FOR_ALL
+    yield _OUT, "reply", FOR_ALL
     # Without hearing who listens, Zenoh does not send.
     yield _OUT, "declare_subscriber", f"{ROOT}/**"
     yield _OUT, "declare_queryable", f"{ROOT}/**"

@@ -16,6 +16,7 @@ from services.bus.service import Options
 from services.bus.session import DEFAULT_ENDPOINT, DEFAULT_SECURE_ENDPOINT
 from services.rules import command_line
 from services.rules.command_line import EXIT_ERROR, Parser, number, whole
+from services.wire.errors import RoleTakenError
 
 DIE_WITH_PARENT = "TREENAIL_DIE_WITH_PARENT"
 """Environment variable with the process id of the parent to die with."""
@@ -26,6 +27,8 @@ FLEET = "TREENAIL_FLEET"
 """Environment variables that stand in for options, so that a container or a shell is told once."""
 _PR_SET_PDEATHSIG = 1
 MAX_FLEET = 1000
+EXIT_OUSTED = 3
+"""Exit status of a service that gave way to an earlier holder of its role: started again, it waits for the role."""
 
 
 def parser(name: str, summary: str) -> Parser:
@@ -95,4 +98,12 @@ def run(name: str, main: Callable[[], None]) -> NoReturn:
     """Run a service's main function and end the process: with 2 after an error of ours, which is one line."""
     die_with_parent()
     logging.basicConfig(stream=sys.stdout, level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
-    sys.exit(command_line.run(f"treenail {name}", main, interrupted=None))
+
+    def act() -> None:
+        try:
+            main()
+        except RoleTakenError as error:
+            print(f"treenail {name}: {error}", file=sys.stderr)
+            raise SystemExit(EXIT_OUSTED) from None
+
+    sys.exit(command_line.run(f"treenail {name}", act, interrupted=None))

@@ -19,6 +19,7 @@ from services.wire.keys import CLAIM, Keys, name_of, wild
 
 SampleHandler: TypeAlias = "Callback[zenoh.Sample]"
 
+_LOOK_EVERY_S = 0.05
 SETTLE_S = 0.25
 """How long an earlier claim of the same cell of a fleet may take to be seen."""
 
@@ -100,23 +101,28 @@ class Roles:
         )
 
 
-def take_role(session: zenoh.Session, cells: Sequence[Keys], name: str, stopping: Callable[[], bool]) -> Roles:
-    """Take a role in the first of some cells where nobody has it.
+def take_role(
+    session: zenoh.Session,
+    cells: Sequence[Keys],
+    name: str,
+    stopping: Callable[[], bool],
+    say: Callable[[RoleTakenError], None],
+) -> Roles | None:
+    """Take a role in the first of some cells where nobody has it, waiting until there is one; None when stopped.
 
-    Raises RoleTakenError when other processes keep it in all of them.
+    ``say`` is told, every now and then, who has it meanwhile: nobody ends because of what somebody else does.
     """
-    deadline = time.monotonic() + 2.0 * LEASE_MS / 1000  # a predecessor that just died may still be listed
-    while True:
+    patience = time.monotonic() + 2.0 * LEASE_MS / 1000  # a predecessor that just died may still be listed
+    while not stopping():
         for keys in cells:
             roles = Roles(session, keys, name)
-            # Who finds out too late that another has taken the same cell has to end, though another cell is free.
+            # Who finds out too late that another has taken the same cell has to leave it, though another cell is free.
             taken = roles.attempt(SETTLE_S if len(cells) > 1 else 0.0)
             if taken is None:
                 return roles
-        if time.monotonic() > deadline or stopping():
-            break
-        time.sleep(0.05)
-    if len(cells) == 1 and taken is not None:
-        raise taken
-    names = f"{cells[0].cell} to {cells[-1].cell}"
-    raise RoleTakenError(f"{name}: expected one of the {len(cells)} cells {names} to be without one, all have theirs")
+        if time.monotonic() > patience and taken is not None:
+            names = f"{cells[0].cell} to {cells[-1].cell}"
+            all_taken = f"{name}: expected one of the {len(cells)} cells {names} to be without one, all have theirs"
+            say(taken if len(cells) == 1 else RoleTakenError(all_taken))
+        time.sleep(_LOOK_EVERY_S)
+    return None

@@ -27,11 +27,12 @@ from services.bus.free_memory import give_back
 from services.bus.heartbeat import touch_heartbeat
 from services.bus.inbox import Inbox
 from services.bus.publishing import Publishing
+from services.bus.rights import Rights
 from services.bus.roles import Roles, take_role
 from services.bus.session import DEFAULT_ENDPOINT, open_client
 from services.wire.codec import contract_sha256, decode, encode, encoding_of
 from services.wire.errors import BadPayloadError, CellError, RoleTakenError, TreenailError
-from services.wire.keys import ALIVE, Keys, name_of
+from services.wire.keys import ALIVE, READERS, Keys, name_of
 from services.wire.messages import Alive, Message
 from services.wire.text import one_line
 from services.wire.version import version
@@ -123,9 +124,15 @@ class Service(Asking, Publishing):
         return None if self._roles is None else self._roles.ousted
 
     def claim(self) -> None:
-        """Take this service's role in the cell, or in one of a fleet. Raises RoleTakenError when others keep it."""
+        """Take this service's role in the cell, or in one of a fleet, waiting as long as others have it.
+
+        Raises CellError when the router takes us for a guest, and ends the process when it is stopped meanwhile.
+        """
+        self._check_rights()
         cells = [Keys(cell) for cell in self.options.cells]
-        self._roles = take_role(self.session, cells, self.name, lambda: self.stopping)
+        self._roles = take_role(self.session, cells, self.name, lambda: self.stopping, self._say_taken)
+        if self._roles is None:
+            raise SystemExit(0)
         self.keys = self._roles.keys
         self._roles.follow(lambda sample: self.post(self._note_claim, sample))
         self._heartbeat = self.session.declare_publisher(self.keys.heartbeat(self.name), encoding=encoding_of(Alive))
@@ -297,6 +304,19 @@ class Service(Asking, Publishing):
     @property
     def _instance(self) -> str:
         return "" if self._roles is None else self._roles.instance
+
+    def _check_rights(self) -> None:
+        """Raise CellError when the router takes us for a guest, so that nobody would hear what we say."""
+        if self.options.certs is None and self.name not in READERS and Rights(self.session, None).name is not None:
+            raise CellError(
+                f"router: at {', '.join(self.options.connect)} {self.name} without certificate is a guest, who may "
+                "only read: start it as the user and on the machine of the router, or use --certs; see docs/security.md"
+            )
+
+    def _say_taken(self, error: RoleTakenError) -> None:
+        """Tell who has our role, now and then, while we wait for it."""
+        touch_heartbeat()
+        self.complain(f"waiting: {error}")
 
     def _on_beat(self) -> None:
         """Tell the cell, and the container engine, that the loop works."""

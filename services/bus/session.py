@@ -5,16 +5,14 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
 # Zenoh reads this once per process, before its first session. Fewer runtimes mean fewer wake-ups and so less latency,
 # but sending keeps a runtime of its own: a receiving thread that has to wait for room in the send queue would otherwise
 # wait for itself; see docs/decisions/0003-zenoh-runtime.md. Sockets belong to that runtime too (net, acc), as it has to
 # hear when they can be written to again: a router without lost every message that was larger than their buffers.
-os.environ.setdefault(
-    "ZENOH_RUNTIME", "(rx: (handover: app), net: (handover: tx), acc: (handover: tx), tx: (worker_threads: 1))"
-)
+os.environ.setdefault("ZENOH_RUNTIME", "(tx: (worker_threads: 2))")
 # A timestamp says who sent a message. One that is further ahead of the own clock than this would be replaced by whoever
 # gets it, as if it were a message of his own: then a clock that jumps, or two machines half a second apart, would stop
 # the cell. Nothing here takes these timestamps for the time of day. They follow the clock that is furthest ahead, only
@@ -23,7 +21,7 @@ os.environ.setdefault("UHLC_MAX_DELTA_MS", str(20 * 366 * 24 * 3600 * 1000))
 
 import zenoh
 
-from services.bus.access import ROUTER, access_control
+from services.bus import own_socket
 from services.bus.tls import check_endpoints, identity, trouble
 from services.wire.errors import CellError
 
@@ -46,15 +44,25 @@ _PRIORITIES = (
 )
 
 
-def _config(settings: dict[str, object], tls: dict[str, object] | None) -> zenoh.Config:
-    """``tls`` is None for sessions without encryption, which then cannot be asked for by an endpoint either."""
-    link: dict[str, object] = {"tx": {"lease": LEASE_MS, "queue": {"size": dict.fromkeys(_PRIORITIES, 16)}}}
+def config(
+    settings: Mapping[str, object],
+    tls: Mapping[str, object] | None,
+    unicast: Mapping[str, object] | None = None,
+    queue: Mapping[str, object] | None = None,
+) -> zenoh.Config:
+    """Return a session's configuration: what all have in common, and ``settings``.
+
+    ``tls`` is None for sessions without encryption, which then cannot be asked for by an endpoint either. ``unicast``
+    and ``queue`` say how connections are accepted, and more about the queues before them.
+    """
+    sizes = {"size": dict.fromkeys(_PRIORITIES, 16)}
+    link: dict[str, object] = {"tx": {"lease": LEASE_MS, "queue": {**sizes, **(queue or {})}}}
     if tls is not None:
         link |= {"tls": tls, "protocols": ["tls"]}
     common: dict[str, object] = {
         "scouting": {"multicast": {"enabled": False}, "gossip": {"enabled": False}},
         "timestamping": {"enabled": True},
-        "transport": {"link": link, "shared_memory": {"enabled": False}},
+        "transport": {"link": link, "unicast": unicast or {}, "shared_memory": {"enabled": False}},
     }
     return zenoh.Config.from_json5(json.dumps({**common, **settings}))
 
@@ -68,9 +76,10 @@ def open_client(
 ) -> zenoh.Session:
     """Return a session with the router at one of ``endpoints``, waiting for it to come up.
 
-    ``stopping`` is asked now and then whether to give up. ``certs`` is the folder with the certificate of ``name``
-    (None: anybody's) for mutual TLS. Raises CellError when none answers within ``timeout_s``, when an endpoint is
-    malformed, when the certificate cannot be used, and when router and we refuse each other's.
+    A router of this user's on this machine is entered by its own socket, with all rights. ``stopping`` is asked now and
+    then whether to give up. ``certs`` is the folder with the certificate of ``name`` (None: anybody's) for mutual TLS.
+    Raises CellError when none answers within ``timeout_s``, when an endpoint is malformed, when the certificate cannot
+    be used, and when router and we refuse each other's.
     """
     check_endpoints(endpoints, certs)
     us = None if certs is None else identity(certs, name)
@@ -80,9 +89,13 @@ def open_client(
     while True:
         # Zenoh's own waiting cannot be interrupted, so it is done in pieces.
         began, piece_s = time.monotonic(), max(0.01, min(_PIECE_S, deadline - time.monotonic()))
-        connect = {"endpoints": list(endpoints), "timeout_ms": int(piece_s * 1000), "retry": retry}
+        doors = _doors(endpoints) if certs is None else list(endpoints)
+        connect = {"endpoints": doors, "timeout_ms": int(piece_s * 1000), "retry": retry}
         try:
-            return zenoh.open(_config({"mode": "client", "connect": connect}, tls))
+            session = zenoh.open(config({"mode": "client", "connect": connect}, tls))
+            if certs is not None or doors == _doors(endpoints):
+                return session
+            session.close()  # type: ignore[no-untyped-call]  # the router came up meanwhile: now by its own socket
         except zenoh.ZError as error:
             at_once = time.monotonic() < began + piece_s / 2
             troubles = [] if us is None else [found for item in endpoints if (found := trouble(item, us))]
@@ -91,32 +104,13 @@ def open_client(
             if at_once or time.monotonic() >= deadline or stopping():
                 where = ", ".join(endpoints)
                 waited = "" if at_once else f", none answered within {timeout_s:g} s"
-                why = "; ".join(found.reason for found in troubles) or _brief(error)
+                why = "; ".join(found.reason for found in troubles) or brief(error)
                 raise CellError(f"router: expected one at {where}{waited} ({why})") from None
 
 
-def open_router(endpoints: Sequence[str], certs: Path | None = None) -> zenoh.Session:
-    """Return a session that is Zenoh's own router, listening on ``endpoints``.
-
-    With ``certs``, the folder with the router's certificate, only clients with a certificate of the same authority can
-    connect, and each may do what services.bus.access says. Raises CellError when it cannot.
-    """
-    check_endpoints(endpoints, certs)
-    settings: dict[str, object] = {
-        "mode": "router",
-        "listen": {"endpoints": list(endpoints)},
-        "connect": {"endpoints": []},
-        "adminspace": {"enabled": True},
-    }
-    tls = None
-    if certs is not None:
-        tls = identity(certs, ROUTER).zenoh(listen=True)
-        settings["access_control"] = access_control()
-    try:
-        return zenoh.open(_config(settings, tls))
-    except zenoh.ZError as error:
-        where = ", ".join(endpoints)
-        raise CellError(f"router: cannot listen on {where}: is the port taken? ({_brief(error)})") from None
+def _doors(endpoints: Sequence[str]) -> list[str]:
+    """Return by what to go in for each endpoint: the router's own socket, where we may, or the port."""
+    return [own_socket.connecting(endpoint) or endpoint for endpoint in endpoints]
 
 
 def come_after(session: zenoh.Session, samples: Iterable[zenoh.Sample]) -> None:
@@ -137,6 +131,6 @@ def _ntp64(timestamp: zenoh.Timestamp) -> int:
     return int(str(timestamp.get_time_as_ntp64()))
 
 
-def _brief(error: Exception) -> str:
+def brief(error: Exception) -> str:
     """Return the first sentence of one of Zenoh's many-part errors."""
     return str(error).split(" at ")[0].strip()[:200] or type(error).__name__

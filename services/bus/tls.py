@@ -102,6 +102,11 @@ def identity(folder: Path, name: str | None) -> Identity:
     return found
 
 
+def common_name(folder: Path) -> str:
+    """Return whose certificate is in a folder of a client. Raises CellError like ``identity``."""
+    return _name(_verified(identity(folder, None), None))
+
+
 class Trouble(NamedTuple):
     """Why a handshake with a router failed."""
 

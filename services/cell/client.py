@@ -13,6 +13,7 @@ from zenoh.handlers import Callback
 
 from services.bus import command
 from services.bus.answers import answer_in
+from services.bus.rights import Rights
 from services.bus.service import Options
 from services.bus.session import come_after, open_client
 from services.wire.codec import decode, decode_json, encode, encoding_of
@@ -40,6 +41,7 @@ class Client:
     def __init__(self, options: Options) -> None:
         self.keys = Keys(options.cell)
         self.session = open_client(options.connect, options.connect_timeout_s, certs=options.certs)
+        self.rights = Rights(self.session, options.certs)
         self._declared: list[object] = []
 
     def __enter__(self) -> Client:
@@ -62,10 +64,11 @@ class Client:
         return found[0]
 
     def request(self, name: str, request: Message, kind: type[M], timeout_s: float) -> M:
-        """Return the answer to a query with a request in it. Raises NoAnswerError, RefusedError or ContractError.
+        """Return the answer to a query with a request in it.
 
-        A RefusedError has the reason of the Refusal.
+        Raises NotAllowedError, NoAnswerError, RefusedError, which has the reason of the Refusal, or ContractError.
         """
+        self.rights.need("ask", name)
         replies = self.session.get(
             self.keys.of(name), timeout=timeout_s, payload=encode(request), encoding=encoding_of(type(request))
         )
@@ -149,7 +152,10 @@ class Client:
         self._declared.append(self.session.declare_subscriber(self.keys.of(name), callback))
 
     def replies(self, name: str, timeout_s: float) -> tuple[list[zenoh.Sample], list[str]]:
-        """Return the good answers to a query in the order of their keys, and in words what was refused or too slow."""
+        """Return the good answers to a query in the order of their keys, and in words what was refused or too slow.
+
+        Raises RefusedError for what is no key expression, NotAllowedError for what the router would keep from us.
+        """
         found: list[zenoh.Sample] = []
         refusals: list[str] = []
         try:
@@ -164,6 +170,8 @@ class Client:
                 found.append(reply.ok)
             elif reply.err is not None:
                 refusals.append(_refusal(reply.err, timeout_s))
+        if not found and not refusals:
+            self.rights.need("ask", name)
         come_after(self.session, found)
         return sorted(found, key=lambda sample: str(sample.key_expr)), refusals
 

@@ -29,6 +29,8 @@ def give(
 
     ``mind`` is called while waiting. Raises CellError when the store does not confirm it within ``within_s``.
     """
+    for name in (skill.sha256, LATEST):
+        client.rights.need("put", name_of(SKILL, sha256=name))
     payload = encode(skill.skill)
     for name in (skill.sha256, LATEST):
         deadline = time.monotonic() + within_s
@@ -45,6 +47,7 @@ def give(
 
 def forget(client: Client) -> bool:
     """Let the next run begin with nothing learnt; False when it would have anyway. Raises CellError."""
+    client.rights.need("delete", CHOSEN_SKILL)
     deadline, had = time.monotonic() + KEPT_WITHIN_S, False
     while True:
         samples, _ = client.replies(CHOSEN_SKILL, 5.0)

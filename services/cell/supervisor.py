@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from services.bus.command import CERTS, DIE_WITH_PARENT
+from services.bus.command import CERTS, DIE_WITH_PARENT, EXIT_OUSTED
 from services.rules.command_line import EXIT_ERROR, module_command
 from services.wire.errors import TreenailError
 
@@ -119,7 +119,7 @@ class Supervisor:
     def _bury(self, child: Child, status: int, now: float) -> None:
         lived = now - child.started
         child.settled = child.settled or lived >= SETTLED_S
-        child.failures += status > 0
+        child.failures += status > 0 and status != EXIT_OUSTED  # not its fault, and it will wait
         hopeless = (status == EXIT_ERROR and child.restarts == 0) or child.failures >= TRIES
         if hopeless and not child.settled:
             raise StartError(last_line(child.log) or f"{child.name}: exited with status {status}")

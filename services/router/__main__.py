@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from services.bus import command
+from services.bus import command, own_socket
 from services.bus.heartbeat import touch_heartbeat
-from services.bus.session import DEFAULT_ENDPOINT, DEFAULT_SECURE_ENDPOINT, open_router
+from services.bus.interfaces import interface_of
+from services.bus.routing import open_router
+from services.bus.session import DEFAULT_ENDPOINT, DEFAULT_SECURE_ENDPOINT
 from services.bus.stop_flag import StopFlag
 from services.rules.command_line import Parser
 
@@ -19,17 +21,36 @@ def main() -> None:
         help="Zenoh endpoint to listen on, may be repeated "
         f"(default: {DEFAULT_ENDPOINT}, with --certs {DEFAULT_SECURE_ENDPOINT})",
     )
+    parser.add_argument(
+        "--trust",
+        action="append",
+        default=[],
+        metavar="INTERFACE",
+        help="network interface, by name or address, by which only the cell's own come in; may be repeated. "
+        "Without certificates, who comes in by others may read and ask, no more (default: none)",
+    )
     command.add_certs(parser)
     arguments = parser.parse_args()
     stop = StopFlag()
     secured = arguments.certs is not None
     listen = arguments.listen or [DEFAULT_SECURE_ENDPOINT if secured else DEFAULT_ENDPOINT]
-    session = open_router(listen, arguments.certs)
-    checked = " (mutual TLS, access control)" if secured else ""
-    print(f"router: listening on {', '.join(listen)}{checked}", flush=True)
+    # First of all, so that whoever finds the port open finds this open too.
+    doors = () if secured else (own_socket.listening(endpoint) for endpoint in listen)
+    own = list(dict.fromkeys(door for door in doors if door is not None))
+    trusted = [interface_of(name) for name in arguments.trust]
+    session = open_router([*own, *listen], arguments.certs, trusted)
+    print(f"router: listening on {', '.join(listen)} {_rights(secured, bool(own), trusted)}".rstrip(), flush=True)
     while not stop.wait(0.5):
         touch_heartbeat()
     session.close()  # type: ignore[no-untyped-call]
+
+
+def _rights(secured: bool, own: bool, trusted: list[str]) -> str:
+    """Return in words who may do what."""
+    if secured:
+        return "(mutual TLS, access control)"
+    doors = [*(["by this user on this machine"] if own else []), *(f"by {interface}" for interface in trusted)]
+    return f"(who comes in {' or '.join(doors)} may do everything, others read)" if own or trusted else ""
 
 
 if __name__ == "__main__":

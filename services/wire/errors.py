@@ -14,6 +14,7 @@
     |   +-- UnusableError      its content cannot be learnt from
     +-- CellError              the cell cannot be joined or used
         +-- RoleTakenError     another process already has this role in this cell
+        +-- NotAllowedError    the router would not let us do that
         +-- NoAnswerError      nobody, or nobody able to, answered a query
         +-- RefusedError       a request is refused, for one of the reasons of a Refusal
             +-- SwapError      a swap that cannot be made
@@ -83,6 +84,10 @@ class CellError(TreenailError):
 
 class RoleTakenError(CellError):
     """Another process already has this role in this cell."""
+
+
+class NotAllowedError(CellError):
+    """The router would not let us do that, in silence."""
 
 
 class NoAnswerError(CellError):

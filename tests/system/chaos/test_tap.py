@@ -12,7 +12,8 @@ import zenoh
 
 from experiments.chaos.line import Faults, Line
 from experiments.chaos.tap import Side, connect
-from services.bus.session import open_client, open_router
+from services.bus.routing import open_router
+from services.bus.session import open_client
 from services.wire.keys import ACTION, EXPERIMENT, REWARD, STATE, Keys
 
 KEYS = Keys("a")

@@ -1,4 +1,4 @@
-"""One process per role and cell: a second one is refused, a successor is welcome."""
+"""One process per role and cell: a second one waits until it is needed, a successor is welcome."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ EPISODES = 12
 
 
 @pytest.mark.parametrize("name", ["task", "sim", "classifier", "agent", "store", "viewer"])
-def test_a_second_one_is_refused_and_the_first_goes_on(live: Any, name: str) -> None:
+def test_a_second_one_waits_and_takes_over_when_the_first_is_gone(
+    live: Any, wait_until: Callable[..., None], name: str
+) -> None:
     extra = {"viewer": ("--bind", "127.0.0.1", "--port", "0")}.get(name, ())
     live.start_loop(500, "task", "sim")
     if name in ("classifier", "agent", "viewer"):
@@ -26,11 +28,12 @@ def test_a_second_one_is_refused_and_the_first_goes_on(live: Any, name: str) -> 
         second = live.processes["task"]
     else:
         second = live.start(name, *extra)
-    assert second.end() == 2
-    (line,) = second.err.splitlines()
-    assert line.startswith(f"treenail {name}: {name}: expected to be the only one in cell 'a'")
+    waiting = f"waiting: {name}: expected to be the only one in cell 'a', but 1 other has this role"
+    wait_until("the second says that it waits", lambda: waiting in second.out)
     assert live.status(name).pid == first.popen.pid
-    assert first.err == ""
+    first.popen.kill()
+    wait_until("the second takes over", lambda: (now := live.status(name)) and now.pid == second.popen.pid)
+    assert first.err == second.err == ""
 
 
 def test_a_second_store_on_the_same_file_is_refused(live: Any) -> None:
@@ -56,6 +59,8 @@ def test_a_successor_of_one_that_died_goes_on(live: Any, reference: Callable[...
 def test_two_that_come_at_once_leave_one(live: Any, wait_until: Callable[..., None]) -> None:
     live.start_loop(500, "task")
     pair = [live.start("agent"), live.start("agent")]
-    wait_until("one gives up", lambda: any(process.popen.poll() is not None for process in pair))
+    wait_until("one waits", lambda: any("waiting: agent: expected to be" in process.out for process in pair))
     live.wait_alive("agent")
-    assert sorted(process.popen.poll() or 0 for process in pair) == [0, 2]
+    waiting = next(process for process in pair if "waiting: agent: expected to be" in process.out)
+    assert live.status("agent").pid != waiting.popen.pid
+    assert waiting.stop(signal.SIGTERM) == 0

@@ -18,7 +18,8 @@ import zenoh
 from rerun.chunk import Chunk, RrdReader
 from zenoh.handlers import Callback
 
-from services.bus.session import open_client, open_router
+from services.bus.routing import open_router
+from services.bus.session import open_client
 from services.wire.codec import decode, encode, encoding_of
 from services.wire.definition import Definition
 from services.wire.keys import ACTION, EPISODE, EXPERIMENT, FT, Q_TABLE, REWARD, STATE, TRUTH, Keys

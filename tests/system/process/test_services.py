@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 import zenoh
 
-from services.bus.session import open_client, open_router
+from services.bus.routing import open_router
+from services.bus.session import open_client
 from services.wire.keys import Keys
 
 SOON_S = 20.0

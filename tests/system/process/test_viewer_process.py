@@ -13,7 +13,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import pytest
 
-from services.bus.session import open_router
+from services.bus.routing import open_router
 
 PATIENCE_S = 30.0
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from services.bus.access import ACCESS, NAMES, access_control, table
+from services.bus.access import ACCESS, FOR_ALL, NAMES, by_certificate, by_door, may, table, who_may
 from services.wire.keys import CLIENTS, CONTRACT, STORED
 from treenail.__main__ import SERVICES as COMMANDS
 
@@ -67,7 +67,7 @@ def test_people_and_the_viewer_read_and_a_learner_never_sees_the_truth() -> None
 
 
 def test_the_router_gets_rules_that_zenoh_understands_and_denies_the_rest() -> None:
-    control: Any = access_control()
+    control: Any = by_certificate()
     assert control["default_permission"] == "deny"
     assert {subject["id"] for subject in control["subjects"]} == set(CLIENTS)
     used = [rule for policy in control["policies"] for rule in policy["rules"]]
@@ -75,8 +75,42 @@ def test_the_router_gets_rules_that_zenoh_understands_and_denies_the_rest() -> N
     for rule in control["rules"]:
         assert rule["permission"] == "allow"
         for key in rule["key_exprs"]:
-            assert key.startswith("treenail/")
+            assert key.startswith("treenail/") or key == FOR_ALL
             assert str(zenoh.KeyExpr(key)) == key
+
+
+def test_without_certificates_the_door_says_who_is_of_the_cell_and_all_others_are_guests() -> None:
+    control: Any = by_door(["eth1"])
+    rules = {rule["id"]: rule for rule in control["rules"]}
+    subjects = {subject["id"]: subject for subject in control["subjects"]}
+    for policy in control["policies"]:
+        for subject in policy["subjects"]:
+            told = {name: value for name, value in subjects[subject].items() if name != "id"}
+            may_put = any(
+                "put" in rules[name]["messages"] and "ingress" in rules[name]["flows"] for name in policy["rules"]
+            )
+            assert may_put == (told in ({"link_protocols": ["unixsock-stream"]}, {"interfaces": ["eth1"]}))
+    assert subjects["guest"] == {"id": "guest"}, "whoever comes in"
+
+
+@pytest.mark.parametrize(
+    ("name", "verb", "key", "allowed"),
+    [
+        ("guest", "ask", "agent/q_table", True),
+        ("guest", "ask", "agent/policy?state=3", True),
+        ("guest", "ask", "swap", False),
+        ("operator", "ask", "swap", True),
+        ("guest", "ask", "alive/*", True),
+        ("guest", "ask", "**", False),
+        ("guest", "put", "checkpoint/skill/latest", False),
+        ("agent", "put", "heartbeat/agent", True),
+        ("agent", "put", "heartbeat/task", False),
+        ("guest", "ask", "no//key", False),
+    ],
+)
+def test_what_one_may_is_known_without_asking(name: str, verb: str, key: str, allowed: bool) -> None:
+    assert may(name, verb, key) == allowed
+    assert (name in who_may(verb, key)) == allowed
 
 
 def test_the_page_has_the_table() -> None:

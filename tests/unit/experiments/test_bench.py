@@ -19,7 +19,8 @@ from experiments.bench.parts import ART2_CASES
 from experiments.bench.pattern import Pattern, Timed, pattern, timed
 from experiments.bench.values import Value, spread
 from experiments.lab.in_process import InProcessRun
-from services.bus.session import open_client, open_router
+from services.bus.routing import open_router
+from services.bus.session import open_client
 from services.cell.traffic import percentile
 from services.wire.definition_file import load
 from services.wire.errors import NoAnswerError
