@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import connection, resource_tracker
 from multiprocessing.process import BaseProcess
-from typing import Any, TypeAlias, TypeVar
+from typing import Any, Literal, TypeAlias, TypeVar
 
 from services.bus.stop_flag import StopFlag
 from services.rules.command_line import missing, safe_path
@@ -71,7 +71,7 @@ def spread(
     """Yield (index into ``keys``, ``work(key, tell)``) as the pieces are finished, at most ``jobs`` at a time.
 
     ``work`` is a function at the top of a module. What it tells of a piece, and 0 when it begins, ``advanced`` hears
-    now and then, after the piece's index. To be used from the main thread. Raises PieceError when a piece fails,
+    now and then, after the piece's index. Raises PieceError when a piece fails,
     KeyboardInterrupt upon Ctrl-C or SIGTERM; all processes have ended by then. With ``partly`` the pieces under way
     are told to stop first, and what they have by then is yielded. Of a parent that is killed outright they end too.
     """
@@ -161,8 +161,11 @@ def _end(pool: ProcessPoolExecutor, processes: Sequence[BaseProcess]) -> None:
 
 
 @contextmanager
-def _interrupt_noted() -> Iterator[StopFlag]:
+def _interrupt_noted() -> Iterator[StopFlag | Literal[False]]:
     """Note Ctrl-C and SIGTERM, not end at once, so that no process is lost between being started and being listed."""
+    if threading.current_thread() is not threading.main_thread():
+        yield False  # signals are the main thread's; it has to see to this one
+        return
     noted = StopFlag()
     try:
         yield noted

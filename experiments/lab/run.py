@@ -85,7 +85,7 @@ def run_seeds(
 
     ``skill`` is what each of them begins with; it has to fit the definition. ``swaps`` are made in each of them.
 
-    To be called from the main thread. Raises PieceError, with its seed, when a run fails and Interrupted, with what
+    Raises PieceError, with its seed, when a run fails and Interrupted, with what
     has been run, upon Ctrl-C or SIGTERM; all processes have ended by then.
     """
     orders = [_Order(definition, seed, episodes, skill, tuple(swaps)) for seed in sorted(seeds)]
