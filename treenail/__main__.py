@@ -38,6 +38,7 @@ COMMANDS = {
     "resume": "let the arm move again after a stop",
     "swap": "change learner or classifier while a cell learns",
     "checkpoint": "list, show, export and import what was learnt",
+    "evaluate": "say how good a skill is on a task, beside a hand-written rule",
     "certs": "make a certificate authority and a certificate for each service",
 }
 """Each is a module of ``treenail.commands``; its ``act`` returns the exit status, 0 or 1."""
@@ -134,6 +135,10 @@ def _module(name: str) -> Command:
             from treenail.commands import checkpoint
 
             return checkpoint
+        case "evaluate":
+            from treenail.commands import evaluate
+
+            return evaluate
         case _:
             from treenail.commands import certs
 

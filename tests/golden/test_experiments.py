@@ -14,8 +14,8 @@ DIGESTS = json.loads((Path(__file__).parent / "experiments.json").read_text())
 EPISODES = 20
 
 
-def test_every_experiment_has_digests() -> None:
-    assert set(DIGESTS) == set(shipped())
+def test_every_experiment_of_the_thesis_has_digests() -> None:
+    assert set(DIGESTS) == {name for name in shipped() if not name.startswith("suite-")}
 
 
 @pytest.mark.parametrize("name", sorted(DIGESTS))

@@ -1,0 +1,70 @@
+"""Episodes of a controller on a task, in one process: the task and the world are those of a run that learns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from experiments.evaluate.controllers import Controller
+from services.sim.cell import SimulatedCell
+from services.task.insertion import Insertion
+from services.wire.definition import Definition
+from services.wire.definition_file import run_id
+from services.wire.messages import Action, EpisodeSummary, Observation
+
+POLICY_VERSION = 0
+"""Nothing is learnt, so that what decides is the same throughout."""
+
+
+class Trial(NamedTuple):
+    """What came of the episodes of one seed."""
+
+    seed: int
+    episodes: tuple[EpisodeSummary, ...]
+    states: frozenset[int]
+    """Contact states that decisions were taken for."""
+
+
+def trial(
+    definition: Definition,
+    controller: Controller,
+    seed: int,
+    episodes: int,
+    done: Callable[[int], None] = lambda _: None,
+) -> Trial:
+    """Let a controller insert ``episodes`` times; start poses and noise are those of runs with this ``seed``.
+
+    ``done`` hears the number of episodes finished after each.
+    """
+    run = run_id(definition, seed)
+    cell, task = SimulatedCell(definition, run, seed), Insertion(definition, run, seed)
+    summaries, states, decisions = list[EpisodeSummary](), set[int](), 0
+    for episode in range(episodes):
+        controller.begin()
+        moved, packet = cell.home(task.home(episode, decisions))
+        while True:
+            then = task.feel(moved, packet.force_n[-1], packet.torque_nm[-1]).then
+            if isinstance(then, EpisodeSummary):
+                break
+            if isinstance(then, Observation):
+                choice = controller.decide(then)
+                states.add(choice.state)
+                then = task.act(_action(then, choice.action, choice.state))
+            moved, packet = cell.move(then)
+        summaries.append(then)
+        decisions += then.decisions
+        done(episode + 1)
+    return Trial(seed, tuple(summaries), frozenset(states))
+
+
+def _action(felt: Observation, action: int, state: int) -> Action:
+    return Action(
+        run=felt.run,
+        episode=felt.episode,
+        step=felt.step,
+        decision=felt.decision,
+        state=state,
+        action=action,
+        policy_version=POLICY_VERSION,
+        swaps=felt.swaps,
+    )
