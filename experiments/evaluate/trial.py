@@ -30,7 +30,7 @@ def trial(
     controller: Controller,
     seed: int,
     episodes: int,
-    done: Callable[[int], None] = lambda _: None,
+    done: Callable[[int], object] = lambda _: None,
 ) -> Trial:
     """Let a controller insert ``episodes`` times; start poses and noise are those of runs with this ``seed``.
 
