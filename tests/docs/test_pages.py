@@ -67,3 +67,12 @@ def test_the_readme_leads_to_the_index() -> None:
 def test_the_readme_shows_the_script() -> None:
     body = (DOCS / "examples" / "ask_q_table.py").read_text().partition("import json")[2]
     assert body in (ROOT / "README.md").read_text()
+
+
+def test_the_recipes_change_what_is_there() -> None:
+    """All of it is tried in tests/system; here is noticed at once when a file moves away from under a recipe."""
+    diffs = re.findall(r"In `([\w./-]+)`:\n\n```diff\n(.*?)^```$", (ROOT / "CONTRIBUTING.md").read_text(), re.S | re.M)
+    assert len(diffs) >= 7
+    for path, diff in diffs:
+        lines = (ROOT / path).read_text().splitlines()
+        assert [line for line in diff.splitlines() if line[0] in " -" and line[1:] not in lines] == [], path

@@ -186,23 +186,23 @@ def test_a_state_with_other_content_is_refused() -> None:
     refused(fold, lambda: fold.decide(replace(SEEN[2][0], state=3 - SEEN[2][0].state)), DivergedError)
 
 
-@pytest.mark.parametrize("count", range(len(SEEN) - 1))
-def test_a_gap_between_states_is_refused(count: int) -> None:
-    fold = run(fresh("q_learning"), last=count)
-    refused(fold, lambda: fold.decide(SEEN[count + 1][0]), GapError)
+def test_a_gap_between_states_is_refused() -> None:
+    for count in range(len(SEEN) - 1):
+        fold = run(fresh("q_learning"), last=count)
+        refused(fold, partial(fold.decide, SEEN[count + 1][0]), GapError)
 
 
-@pytest.mark.parametrize("count", range(len(SEEN) - 1))
-def test_a_state_before_the_reward_of_the_last_is_refused(count: int) -> None:
-    fold = run(fresh("q_learning"), last=count)
-    fold.decide(SEEN[count][0])
-    refused(fold, lambda: fold.decide(SEEN[count + 1][0]), GapError)
+def test_a_state_before_the_reward_of_the_last_is_refused() -> None:
+    for count in range(len(SEEN) - 1):
+        fold = run(fresh("q_learning"), last=count)
+        fold.decide(SEEN[count][0])
+        refused(fold, partial(fold.decide, SEEN[count + 1][0]), GapError)
 
 
-@pytest.mark.parametrize("count", range(len(SEEN)))
-def test_a_reward_before_its_decision_is_refused(count: int) -> None:
-    fold = run(fresh("q_learning"), last=count)
-    refused(fold, lambda: fold.reward(SEEN[count][1]), GapError)
+def test_a_reward_before_its_decision_is_refused() -> None:
+    for count in range(len(SEEN)):
+        fold = run(fresh("q_learning"), last=count)
+        refused(fold, partial(fold.reward, SEEN[count][1]), GapError)
 
 
 def test_another_run_is_refused() -> None:
@@ -312,26 +312,26 @@ RESTARTS = [
 
 
 @both_kinds
-@pytest.mark.parametrize(("count", "known"), RESTARTS)
-def test_a_restart_in_mid_episode_goes_on_by_the_partial_record(kind: Kind, count: int, known: str) -> None:
+def test_a_restart_in_mid_episode_goes_on_by_the_partial_record(kind: Kind) -> None:
     """The last step of the partial record waits for an action, for its reward, or for the next observation."""
-    state, reward = SEEN[count - 1]
-    boundary = sum(EPISODES[: state.episode])
-    fold = fresh(kind)
-    fold.restore(run(fresh(kind), last=boundary).snapshot())
-    entry = list(journal(kind))[state.episode]
-    steps = list(entry.steps[: count - boundary])
-    if known != "reward":
-        steps[-1] = replace(steps[-1], reward=None)
-    if known == "observation":
-        steps[-1] = replace(steps[-1], state=None, action=None, policy_version=None)
-    fold.replay(replace(entry, steps=tuple(steps), summary=None))
-    assert fold.decisions == (count - 1 if known == "observation" else count)
-    assert fold.rewards == (count if known == "reward" else count - 1)
-    assert fold.decide(state) == list(acted(kind))[count - 1]
-    fold.reward(reward)
-    run(fold, count)
-    assert memory(fold) == memory(run(fresh(kind)))
+    for count, known in RESTARTS:
+        state, reward = SEEN[count - 1]
+        boundary = sum(EPISODES[: state.episode])
+        fold = fresh(kind)
+        fold.restore(run(fresh(kind), last=boundary).snapshot())
+        entry = list(journal(kind))[state.episode]
+        steps = list(entry.steps[: count - boundary])
+        if known != "reward":
+            steps[-1] = replace(steps[-1], reward=None)
+        if known == "observation":
+            steps[-1] = replace(steps[-1], state=None, action=None, policy_version=None)
+        fold.replay(replace(entry, steps=tuple(steps), summary=None))
+        assert fold.decisions == (count - 1 if known == "observation" else count)
+        assert fold.rewards == (count if known == "reward" else count - 1)
+        assert fold.decide(state) == list(acted(kind))[count - 1]
+        fold.reward(reward)
+        run(fold, count)
+        assert memory(fold) == memory(run(fresh(kind)))
 
 
 def test_there_is_no_checkpoint_in_mid_episode() -> None:

@@ -112,13 +112,13 @@ def test_another_type_is_refused(sample_of: Callable[[Any], Any], kind: type[Mes
 
 
 @every_type
-@pytest.mark.parametrize("version", ["0", "99", "01", "11", "9" * 400])
-def test_another_version_is_refused(sample_of: Callable[[Any], Any], kind: type[Message], version: str) -> None:
-    encoding = codec.encoding_of(kind).removesuffix(str(kind.VERSION)) + version
-    with pytest.raises(WrongVersionError, match=f"^{kind.__name__}: expected version {kind.VERSION}, got version "):
-        codec.decode(kind, codec.encode(sample_of(kind)), encoding)
-    with pytest.raises(WrongVersionError):
-        codec.decode_any(codec.encode(sample_of(kind)), encoding)
+def test_another_version_is_refused(sample_of: Callable[[Any], Any], kind: type[Message]) -> None:
+    payload, unversioned = codec.encode(sample_of(kind)), codec.encoding_of(kind).removesuffix(str(kind.VERSION))
+    for version in ("0", "99", "01", "11", "9" * 400):
+        with pytest.raises(WrongVersionError, match=f"^{kind.__name__}: expected version {kind.VERSION}, got version "):
+            codec.decode(kind, payload, unversioned + version)
+        with pytest.raises(WrongVersionError):
+            codec.decode_any(payload, unversioned + version)
 
 
 @pytest.mark.parametrize(
@@ -203,10 +203,11 @@ def test_a_payload_cut_short_or_with_more_behind_it_is_refused(
 
 
 @every_type
-@pytest.mark.parametrize("value", [None, True, 7, -1.5, "text", b"bytes", [], [1], {}, {1: 2}, {b"run": 1}, [{}]])
-def test_what_is_no_map_of_its_fields_is_refused(kind: type[Message], value: object) -> None:
-    with pytest.raises(BadPayloadError, match=f"^{kind.__name__}: "):
-        codec.decode_payload(kind, pack(value))
+def test_what_is_no_map_of_its_fields_is_refused(kind: type[Message]) -> None:
+    values: tuple[object, ...] = (None, True, 7, -1.5, "text", b"bytes", [], [1], {}, {1: 2}, {b"run": 1}, [{}])
+    for value in values:
+        with pytest.raises(BadPayloadError, match=f"^{kind.__name__}: "):
+            codec.decode_payload(kind, pack(value))
 
 
 HOSTILE = {
