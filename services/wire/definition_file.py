@@ -115,8 +115,14 @@ def _with_kinds(fields: Mapping[str, object]) -> dict[str, object]:
 
 
 def definition_sha256(definition: Definition) -> str:
-    """Return the hash of a definition with all its defaults filled in; equal settings give equal hashes."""
-    return hashlib.sha256(msgspec.json.encode(definition, order="sorted")).hexdigest()
+    """Return the hash of a definition with all its defaults filled in; equal settings give equal hashes.
+
+    A key that came later is left out where it says what was done before there was one, so that runs keep their names.
+    """
+    fields = msgspec.to_builtins(definition)
+    if definition.limits.truncation == "terminal":
+        del fields["limits"]["truncation"]
+    return hashlib.sha256(msgspec.json.encode(fields, order="sorted")).hexdigest()
 
 
 def check_run(seed: int, episodes: int) -> None:

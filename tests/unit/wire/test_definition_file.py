@@ -408,3 +408,8 @@ def test_a_run_is_named_by_definition_and_seed() -> None:
     assert run_id(definition, 12) == f"{definition_sha256(definition)[:16]}-s12"
     other = Definition(name="mine", start=Start(x_mm=1.7))
     assert len({run_id(one, seed) for one in (definition, other) for seed in (0, 1, 10)}) == 6
+
+
+def test_a_run_from_before_truncation_could_be_chosen_keeps_its_name() -> None:
+    assert run_id(load("initial"), 0) == "2adc2fda3e14bee3-s0"
+    assert run_id(load("initial", ("limits.truncation=untaught",)), 0) != "2adc2fda3e14bee3-s0"
