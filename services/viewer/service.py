@@ -37,9 +37,9 @@ M = TypeVar("M", bound=Message)
 LOOPBACK = "127.0.0.1"
 EVERYWHERE = {"0.0.0.0": LOOPBACK, "::": "::1"}
 """Addresses that stand for all of a machine, and how it calls itself then."""
-SEND_EVERY_S = 0.4
+SEND_EVERY_S = 0.5
 """A browser takes in so many pieces a second, whatever is in them: who attaches late must not fall behind for long."""
-ASK_EVERY_S = 1.0
+ASK_EVERY_S = 2.0
 RING = 4096
 """Messages of one key that may wait; when more come, the oldest are gone. Seconds of a cell at full speed."""
 _REPLIES = 16
@@ -54,8 +54,8 @@ class Settings:
     """Address to listen on. Whoever reaches ``port`` may also add to the picture: Rerun asks nobody who he is."""
     port: int = 9876
     """Port to listen on, 0 for any free one."""
-    memory_limit: str = "4MB"
-    """How much of the past is kept for viewers that attach later."""
+    memory_limit: str = "1MB"
+    """How much of the past is kept for viewers that attach later: a browser takes it in before the present goes on."""
     save: Path | None = None
     """File to record to as well; when it is there already, its next piece."""
     web_port: int | None = 9090
@@ -200,7 +200,7 @@ class ViewerShell:
             self._stream.send(table)
 
     def second(self, now_ns: int) -> None:
-        """Do what is done once a second: ask, and send the run so far."""
+        """Do what is done every other second: ask, and send the run so far."""
         self._q_table.ask()
         if self._service.run is None or self._service.run != self._recorder.run:
             self._experiment.ask()

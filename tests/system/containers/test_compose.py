@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import http.client
 import json
 import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -13,6 +15,8 @@ import pytest
 EPISODES = 24
 """More than there are between two checkpoints."""
 SERVICES = ("router", "store", "task", "classifier", "agent", "viewer", "sim")
+CONTAINERS = (*SERVICES, "viewer-front")
+PATIENCE_S = 30.0
 BASE = "debian:bookworm-slim"
 MOST_ABOVE_BASE = 250_000_000
 Docker: TypeAlias = Callable[..., str]
@@ -30,8 +34,8 @@ def test_one_command_brings_up_a_cell_that_survives_and_resumes(
         composition.kill(service)
     assert composition.digests(EPISODES) == reference(EPISODES, 1)
     assert f"episode {EPISODES}/{EPISODES}" in composition.logs("sim")
-    wait_until("all are healthy", lambda: all(health(name) == "healthy" for name in SERVICES))
-    containers = {name: composition.containers(name)[0] for name in SERVICES}
+    wait_until("all are healthy", lambda: all(health(name) == "healthy" for name in CONTAINERS))
+    containers = {name: composition.containers(name)[0] for name in CONTAINERS}
     composition("stop")
     for name, container in containers.items():
         assert _state(docker, container)["ExitCode"] == 0, f"{name} had to be killed"
@@ -76,7 +80,7 @@ def test_through_emulated_hardware_a_cell_learns_the_same(
 
 def test_containers_are_given_no_more_than_they_need(composition: Any, docker: Docker) -> None:
     composition("up", "--detach", "sim", EPISODES=2)
-    for name in SERVICES:
+    for name in CONTAINERS:
         (container,) = composition.containers(name)
         (told,) = json.loads(docker("inspect", container))
         assert told["Config"]["User"] == "10001:10001"
@@ -84,6 +88,39 @@ def test_containers_are_given_no_more_than_they_need(composition: Any, docker: D
         assert told["HostConfig"]["CapDrop"] == ["ALL"]
         assert told["HostConfig"]["RestartPolicy"]["Name"] == "unless-stopped"
         assert told["Config"]["Healthcheck"]["Test"]
+
+
+def test_readers_read_and_nobody_else_draws(composition: Any, wait_until: Callable[..., None], tmp_path: Path) -> None:
+    composition("up", "--detach", "sim", EPISODES=200)
+    url = f"rerun+http://127.0.0.1:{composition.ports['RERUN_PORT']}/proxy"
+    wait_until("it learns", lambda: "return(10)" in composition.logs("sim"))
+    draw = (
+        "import sys, rerun as rr; stream = rr.RecordingStream('treenail', recording_id='forged')\n"
+        "stream.connect_grpc(sys.argv[1]); stream.log('forged/by_stranger', rr.Scalars(1.0)); stream.flush()"
+    )
+    subprocess.run([sys.executable, "-c", draw, url], capture_output=True, check=False, timeout=PATIENCE_S)
+    seen = tmp_path / "seen.rrd"
+    reader = subprocess.Popen(
+        [sys.executable, "-m", "rerun", url, "--save", str(seen), "--port", "0"],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        wait_until("who looks on sees the cell", lambda: seen.exists() and b"progress/return" in seen.read_bytes())
+    finally:
+        reader.kill()
+        reader.wait()
+    assert b"by_stranger" not in seen.read_bytes()
+    service = "/rerun.sdk_comms.v1alpha1.MessageProxyService"
+    told = {"Content-Type": "application/grpc-web+proto", "X-Grpc-Web": "1"}
+    answers = {}
+    for method in ("ReadMessages", "WriteMessages"):
+        page = http.client.HTTPConnection("127.0.0.1", composition.ports["WEB_PORT"], timeout=PATIENCE_S)
+        page.request("POST", f"{service}/{method}", body=b"\0\0\0\0\0", headers=told)
+        answer = page.getresponse()
+        answers[method] = (answer.status, len(answer.read(1000)) == 1000)
+        page.close()
+    assert answers == {"ReadMessages": (200, True), "WriteMessages": (405, False)}
 
 
 @pytest.mark.parametrize("service", ["agent", "classifier"])

@@ -277,6 +277,21 @@ def test_what_is_published_ends_up_in_the_recording(cell: Cell, start: Callable[
     check_recording(tmp_path / "run.rrd")
 
 
+def test_who_is_killed_and_starts_again_leaves_what_was_recorded(
+    cell: Cell, start: Callable[..., Viewer], tmp_path: Path
+) -> None:
+    before = start("--save", str(tmp_path / "run.rrd"))
+    cell.publish(FT, packet(1, -3.0))
+    wait_until("everything was taken", cell.all_taken)
+    wait_until("it is in the file", lambda: "/wrist/force" in chunks(tmp_path / "run.rrd"))
+    before.process.kill()
+    before.process.communicate()
+    kept = (tmp_path / "run.rrd").read_bytes()
+    assert start("--save", str(tmp_path / "run.rrd")).interrupt() == 0
+    assert (tmp_path / "run.rrd").read_bytes() == kept
+    assert (tmp_path / "run.1.rrd").exists()
+
+
 def test_who_attaches_late_sees_what_happened_before(cell: Cell, start: Callable[..., Viewer], tmp_path: Path) -> None:
     viewer = start()
     play(cell)
