@@ -24,7 +24,7 @@ $(VENV)/ready: requirements.lock pyproject.toml
 	@touch $@
 
 sim: setup  ## a whole cell on this machine: watch a peg learn its hole; ARGS="--episodes 60 --seed 1"
-	@exec $(BIN)/treenail up sim $(ARGS)
+	@trap : INT; $(BIN)/treenail up sim $(ARGS) || [ $$? = 130 ]
 
 reproduce: setup  ## the thesis's tables and figures anew, as report/index.html; QUICK=1 for a rough one
 	@exec $(BIN)/treenail reproduce $(if $(QUICK),--quick) $(ARGS)

@@ -16,13 +16,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from rich.console import Console
-
 from experiments.chaos import plan as plans
 from experiments.chaos.campaign import RunReport, Settings, carry_out
 from experiments.chaos.clocks import Clocks, NoClocksError
 from experiments.chaos.reference import Reference, undisturbed
 from experiments.chaos.report import as_json, lines, table, well
+from services.cell.terminal import console
 from services.rules import command_line
 from services.rules.command_line import EXIT_DIFFERS, EXIT_ERROR, Parser, RawHelp
 from services.rules.swaps import SPEC, SPEC_HELP
@@ -118,8 +117,7 @@ def _tell(
     if arguments.json:
         print(found, flush=True)
     else:
-        console = Console(width=max(Console().width, TABLE_WIDTH), highlight=False)
-        console.print(table(runs))
+        console(least_width=TABLE_WIDTH).print(table(runs))
         print("\n".join(lines(plan, runs, skipped)), flush=True)
     if arguments.out is None and good:
         shutil.rmtree(folder)

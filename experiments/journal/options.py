@@ -9,14 +9,14 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TypeVar
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
 from experiments.journal.source import InCell, InFile, Stored
 from experiments.journal.store_file import opened
 from services.bus import command
 from services.cell import client
 from services.cell.client import Client
+from services.cell.terminal import console, description
 from services.rules import command_line
 from services.rules.command_line import EXIT_DIFFERS
 from services.wire.errors import CellError
@@ -59,7 +59,7 @@ def status(program: str, act: Callable[[], bool]) -> int:
 
 def shown(items: Iterable[T], what: str, total: int | None) -> Iterator[T]:
     """Give the items, with a bar on stderr if that is a terminal."""
-    console = Console(stderr=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+    screen = console(stderr=True)
+    columns = (description(), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=screen, transient=True, disable=not screen.is_terminal) as progress:
         yield from progress.track(items, total=total, description=what)

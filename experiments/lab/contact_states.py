@@ -19,11 +19,11 @@ from typing import Literal, NamedTuple
 
 from msgspec.structs import replace
 from rich import box
-from rich.console import Console
 from rich.table import Table
 
 from experiments.lab.agreement import adjusted_rand_index, purity
 from experiments.lab.in_process import InProcessRun
+from services.cell.terminal import console
 from services.classifier.art2 import Art2
 from services.rules import command_line
 from services.rules.command_line import Parser, whole
@@ -167,11 +167,11 @@ def _act(arguments: argparse.Namespace) -> int:
         told = {"samples": counts, "true_states": truths, "unlabelled": free, "base": base._asdict()}
         print(json.dumps({**told, "scores": [one._asdict() for one in scores]}, indent=2))
         return 0
-    console = Console()
-    console.print(f"{definition.name}: samples by run {counts}, {truths} true contact states", highlight=False)
-    console.print(table("The definition's settings, and one of them changed", [base, *one_at_a_time(scores, base)]))
+    shown = console()
+    shown.print(f"{definition.name}: samples by run {counts}, {truths} true contact states")
+    shown.print(table("The definition's settings, and one of them changed", [base, *one_at_a_time(scores, base)]))
     best = sorted(scores, key=lambda one: -one.ari)
-    console.print(table("Best adjusted Rand index", best[: arguments.rows]))
+    shown.print(table("Best adjusted Rand index", best[: arguments.rows]))
     return 0
 
 

@@ -11,11 +11,11 @@ from contextlib import contextmanager
 from typing import Protocol, TextIO, TypeAlias
 
 from rich import box
-from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 from rich.table import Table
 
 from experiments.lab.run import Listener
+from services.cell.terminal import console, description
 from services.rules.results import STEADY_EPISODES, RunSummary
 
 LINE_EVERY_S = 15.0
@@ -43,7 +43,7 @@ class Bars:
 
     def say(self, line: str) -> None:
         """Print it above the bars."""
-        self._progress.console.print(line, markup=False, highlight=False)
+        self._progress.console.print(line)
 
     def begin(self, what: str, total: int, unit: str, done: int = 0) -> Reach:
         """Show a bar."""
@@ -81,12 +81,12 @@ class Lines:
 def reporter(stream: TextIO | None = None) -> Iterator[Reporter]:
     """Show progress on stderr (or ``stream``): bars in a terminal, else lines."""
     stream = stream or sys.stderr
-    console = Console(file=stream)
-    if not console.is_terminal:
+    screen = console(file=stream)
+    if not screen.is_terminal:
         yield Lines(lambda line: print(line, file=stream, flush=True), time.monotonic)
         return
     columns = (
-        TextColumn("{task.description}", markup=False),
+        description(),
         BarColumn(),
         MofNCompleteColumn(),
         TextColumn("{task.fields[unit]}", markup=False),
@@ -94,7 +94,7 @@ def reporter(stream: TextIO | None = None) -> Iterator[Reporter]:
         TextColumn("left"),
         TimeRemainingColumn(),
     )
-    with Progress(*columns, console=console) as progress:
+    with Progress(*columns, console=screen) as progress:
         yield Bars(progress)
 
 

@@ -19,13 +19,13 @@ from pathlib import Path
 from typing import NamedTuple, TypedDict
 
 from rich import box
-from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from experiments.lab import result_files
 from experiments.lab.rehearsal import Attempt
 from experiments.oracle.search import Advanced, Effort, search
+from services.cell.terminal import console, description
 from services.rules import command_line, results
 from services.rules.command_line import Parser, whole
 from services.wire import definition_file
@@ -101,13 +101,13 @@ def _act(arguments: argparse.Namespace) -> int:
     if arguments.json:
         print(json.dumps({**found, "learnt": gaps(found["front"], learnt)}, indent=2))
         return 0
-    console = Console()
-    console.print(front_table(found))
-    console.print(limits_table(found["front"]))
+    shown = console()
+    shown.print(front_table(found))
+    shown.print(limits_table(found["front"]))
     if learnt:
-        console.print(gap_table(found["front"], learnt))
+        shown.print(gap_table(found["front"], learnt))
     for index, one in enumerate(found["front"], start=1):
-        console.print(f"{index}: {short(one['actions'])}", highlight=False)
+        shown.print(f"{index}: {short(one['actions'])}")
     return 0
 
 
@@ -233,12 +233,12 @@ def _write(path: Path, found: Found) -> None:
 @contextmanager
 def _shown() -> Iterator[Advanced]:
     """Show progress on stderr: bars in a terminal, else a line now and then."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
+    screen = console(stderr=True)
+    if not screen.is_terminal:
         yield _lines()
         return
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.completed}"), TimeElapsedColumn())
-    with Progress(*columns, console=console) as progress:
+    columns = (description(), BarColumn(), TextColumn("{task.completed}"), TimeElapsedColumn())
+    with Progress(*columns, console=screen) as progress:
         tasks = {}
 
         def advanced(stage: str, done: int, most: int) -> None:

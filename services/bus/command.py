@@ -85,11 +85,12 @@ def options(arguments: argparse.Namespace) -> Options:
 
 
 def die_with_parent() -> None:
-    """Ask Linux to stop this process when the one that started it dies, however it dies (set by ``treenail up``)."""
+    """Ask Linux to kill this process when the one that started it dies, however it dies (set by ``treenail up``)."""
     parent = os.environ.get(DIE_WITH_PARENT)
     if parent is None:
         return
-    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
+    # Not SIGTERM: a suspended process would keep it until somebody wakes it, and everything it holds until then.
+    ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     if str(os.getppid()) != parent:
         sys.exit(EXIT_ERROR)  # it died before we asked
 

@@ -45,6 +45,18 @@ def result_of(client: Client, ended: EndedRun, mind: Callable[[], None]) -> RunR
     )
 
 
+def finished_episodes(client: Client, run: str) -> tuple[EpisodeSummary, ...]:
+    """Return the summaries of all episodes that a run, perhaps under way, has finished, from the first on.
+
+    Raises CellError when the journal has a gap.
+    """
+    entries = client.ask_all(name_of(ENTRY, run=run), JournalEpisode, timeout_s=30.0)
+    summaries = tuple(entry.summary for entry in entries if entry.summary is not None)
+    if [summary.episode for summary in summaries] != list(range(len(summaries))):
+        raise CellError(f"journal: expected episodes from 0 on without a gap, got {len(summaries)} episodes with gaps")
+    return summaries
+
+
 def _once_settled(attempt: Callable[[], T], mind: Callable[[], None]) -> T:
     """Return what ``attempt`` gives once it succeeds: any process may be just starting again."""
     deadline = time.monotonic() + SETTLE_S
@@ -60,9 +72,8 @@ def _once_settled(attempt: Callable[[], T], mind: Callable[[], None]) -> T:
 
 def _episodes(client: Client, run: str, count: int) -> tuple[EpisodeSummary, ...]:
     """Return the summaries of all episodes, checked to be complete."""
-    entries = client.ask_all(name_of(ENTRY, run=run), JournalEpisode, timeout_s=30.0)
-    summaries = tuple(entry.summary for entry in entries if entry.summary is not None)
-    if [summary.episode for summary in summaries] != list(range(count)):
+    summaries = finished_episodes(client, run)
+    if len(summaries) != count:
         raise CellError(f"journal: expected episodes 0 to {count - 1} without a gap, got {len(summaries)} episodes")
     return summaries
 

@@ -151,6 +151,30 @@ def _make_ready(plan: Plan) -> None:
                 if path != lock:
                     path.unlink()
     except BlockingIOError:
-        raise CellError(f"--out {plan.out}: another cell is working in this directory") from None
+        who = ", ".join(holders(lock)) or "of another user or machine"
+        raise CellError(f"--out {plan.out}: another cell is working in this directory: {who}") from None
     except OSError as error:
         raise CellError(f"--out {plan.out}: cannot hold a run: {error.strerror}") from error
+
+
+def holders(lock: Path) -> list[str]:
+    """Return who holds a lock on a file, in words with process ids, as far as Linux tells us."""
+    try:
+        inode, table = lock.stat().st_ino, Path("/proc/locks").read_text()
+    except OSError:
+        return []
+    # A line is "1: FLOCK ADVISORY WRITE 4711 08:01:131077 0 EOF": process, device and inode.
+    fields = [line.split() for line in table.splitlines()]
+    pids = [line[4] for line in fields if len(line) > 5 and line[5].rpartition(":")[2] == str(inode)]
+    return [_in_words(pid) for pid in dict.fromkeys(pids)]
+
+
+def _in_words(pid: str) -> str:
+    try:
+        words = Path("/proc", pid, "cmdline").read_bytes().decode(errors="replace").split("\0")
+        state = Path("/proc", pid, "stat").read_text().rpartition(")")[2].split()[0]
+    except OSError:
+        return f"process {pid}"
+    module = next((word for word in words if word.startswith("services.")), Path(words[0]).name)
+    suspended = ", suspended: kill -CONT or kill -KILL it" if state in "Tt" else ""
+    return f"process {pid} ({module}{suspended})"

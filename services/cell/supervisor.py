@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 from services.bus.command import CERTS, DIE_WITH_PARENT, EXIT_OUSTED
 from services.rules.command_line import EXIT_ERROR, module_command
@@ -45,6 +46,8 @@ class Child:
     """How often it ended by itself in an error."""
     due: float = 0.0
     """When to start it again."""
+    taken: bool = False
+    """Whether it was told already that somebody else has its role."""
 
 
 @dataclass
@@ -62,7 +65,10 @@ class Supervisor:
     def start(self, name: str, *arguments: str) -> None:
         """Start ``python -m services.<name>`` with arguments; its output goes to ``<name>.log``."""
         certs = () if self.certs is None else ("--certs", str(self.certs / name))
-        command = module_command(f"services.{name}", *arguments, *certs)
+        self.run(name, module_command(f"services.{name}", *arguments, *certs))
+
+    def run(self, name: str, command: Sequence[str]) -> None:
+        """Start any command as a service of that name."""
         child = self.children[name] = Child(name, command, self.log_folder / f"{name}.log")
         self._spawn(child)
 
@@ -82,9 +88,10 @@ class Supervisor:
         """Return the names of the services whose process runs."""
         return [child.name for child in self.children.values() if child.process and child.process.poll() is None]
 
-    def stop(self) -> list[str]:
-        """Stop all processes; return the names of those that had to be killed."""
-        running = [child for child in self.children.values() if child.process is not None]
+    def stop(self, *names: str) -> list[str]:
+        """Stop processes, by default all; return the names of those that had to be killed."""
+        leaving = [self.children.pop(name) for name in names or tuple(self.children)]
+        running = [child for child in leaving if child.process is not None]
         for child in running:
             _send(child, signal.SIGTERM)
         deadline = time.monotonic() + STOP_S
@@ -97,7 +104,6 @@ class Supervisor:
                 _send(child, signal.SIGKILL)
                 child.process.wait()
                 killed.append(child.name)
-        self.children.clear()
         return killed
 
     def _spawn(self, child: Child) -> None:
@@ -109,17 +115,29 @@ class Supervisor:
             DIE_WITH_PARENT: str(os.getpid()),
             "PYTHONUNBUFFERED": "1",
         }
-        with child.log.open("ab") as log:
+        with self._log(child) as log:
             # A session of its own: Ctrl-C in the terminal reaches us alone, and we stop the services in order.
             child.process = subprocess.Popen(
                 child.command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment, start_new_session=True
             )
         child.started = time.monotonic()
 
+    def _log(self, child: Child) -> IO[bytes]:
+        """Return where a child's output goes: its log, in a folder that is made again when it is gone."""
+        try:
+            child.log.parent.mkdir(parents=True, exist_ok=True)
+            return child.log.open("ab")
+        except OSError as error:
+            self.notify(f"{child.name}: {child.log} cannot be written: {error.strerror}; what it says is lost")
+            return open(os.devnull, "ab")
+
     def _bury(self, child: Child, status: int, now: float) -> None:
         lived = now - child.started
+        if status == EXIT_OUSTED:
+            self._wait_for_role(child, now)
+            return
         child.settled = child.settled or lived >= SETTLED_S
-        child.failures += status > 0 and status != EXIT_OUSTED  # not its fault, and it will wait
+        child.failures += status > 0
         hopeless = (status == EXIT_ERROR and child.restarts == 0) or child.failures >= TRIES
         if hopeless and not child.settled:
             raise StartError(last_line(child.log) or f"{child.name}: exited with status {status}")
@@ -128,11 +146,24 @@ class Supervisor:
         child.restarts += 1
         child.due = now + child.delay_s
         how = f"was killed by {signal.Signals(-status).name}" if status < 0 else f"exited with status {status}"
+        child.taken = False
         self.notify(f"{child.name} {how}; starting it again in {child.delay_s:.1f} s (see {child.log})")
+
+    def _wait_for_role(self, child: Child, now: float) -> None:
+        """Start a child again and again until its role is free: what others do in the cell never ends it."""
+        child.process = None
+        child.restarts += 1
+        child.delay_s = min(2 * child.delay_s, LONGEST_DELAY_S)
+        child.due = now + child.delay_s
+        if not child.taken:
+            self.notify(f"{last_line(child.log) or child.name}; waiting until its role is free")
+        child.taken = True
 
 
 def last_line(log: Path) -> str:
-    """Return the last line of a log that is not empty."""
+    """Return the last line of a log that is not empty; nothing of a log that is not there."""
+    if not log.exists():
+        return ""
     lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
     return lines[-1] if lines else ""
 

@@ -155,12 +155,12 @@ def run(
             _failed(program, interrupted)
         return EXIT_INTERRUPTED
     except BrokenPipeError:
-        _give_up(sys.stdout)
+        give_up(sys.stdout)
         return unread
     except OSError as error:
         if error.filename is not None or error.errno not in _FULL:
             raise
-        _give_up(sys.stdout)
+        give_up(sys.stdout)
         return _failed(program, f"output cannot be written: {error.strerror}")
 
 
@@ -187,7 +187,7 @@ def _failed(program: str, message: str) -> int:
     return EXIT_ERROR
 
 
-def _give_up(stream: IO[str]) -> None:
+def give_up(stream: IO[str]) -> None:
     """Let a stream lead nowhere; without this the interpreter would complain about it on its way out."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

@@ -91,9 +91,8 @@ def _tell(
     wanted: Wanted | None = None,
 ) -> None:
     """Write the results and print their table; ``wanted`` is what should have been run, when not all was."""
-    from rich.console import Console
-
     from experiments.lab import plots, progress, result_files
+    from services.cell.terminal import console
     from services.rules import results
 
     runs = [one.result for one in timed]
@@ -104,7 +103,7 @@ def _tell(
     skills = {one.result.seed: one.skill for one in timed}
     result_files.write(folder, definition, summary, runs, figures, skills)
     title = f"{definition.name}, {max(len(one.episodes) for one in runs)} episodes"
-    Console().print(progress.table(title, summary["runs"], [one.moves_per_s for one in timed]))
+    console().print(progress.table(title, summary["runs"], [one.moves_per_s for one in timed]))
 
 
 def _logged(error: PieceError, folder: Path, debug: bool) -> TreenailError:

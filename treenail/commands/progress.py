@@ -5,53 +5,64 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from rich.console import Console
+from rich.console import RenderableType
 from rich.live import Live
 from rich.table import Table
 
+from services.cell.terminal import Unread, console
 from services.rules.progress import LINE_EVERY_S, Progress
+
+STARTING = "starting"
 
 
 class Reporter:
-    """Shows progress: live in a terminal, as plain lines elsewhere."""
+    """Shows progress: live in a terminal, as plain lines elsewhere. Nobody has to read it: the run goes on."""
 
     def __init__(self, progress: Progress, title: str, viewer: str) -> None:
-        self.console = Console()
+        self._console = console()
+        self._unread = Unread("treenail up")
         self._progress = progress
         self._title = title
         self._viewer = viewer
-        self._live = Live(console=self.console, auto_refresh=False) if self.console.is_terminal else None
+        self._live = Live(console=self._console, auto_refresh=False) if self._console.is_terminal else None
         self._next = 0.0
         self._shown = -1
 
     def __enter__(self) -> Reporter:
         if self._live is not None:
-            self._live.start()
+            self._unread.attempt(self._live.start)
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._live is not None:
-            self._live.stop()
+        self.end_live()
+
+    def end_live(self) -> None:
+        """Leave the panel as it stands: what is printed from now on comes below it, and stays."""
+        live, self._live = self._live, None
+        if live is not None:
+            self._unread.attempt(live.stop)
 
     def say(self, text: str) -> None:
         """Print a line beside the progress."""
-        if self._live is not None:
-            self._live.console.print(text, highlight=False)
-        else:
-            print(text, flush=True)
+        self._unread.attempt(lambda: self._console.print(text, soft_wrap=True))
+
+    def print(self, table: RenderableType) -> None:
+        """Print something else than a line; only after ``end_live``."""
+        self._unread.attempt(lambda: self._console.print(table))
 
     def show(self, alive: Sequence[str], phase: str, *, now: bool = False) -> None:
         """Show where the run stands, at most every second or two unless ``now``."""
-        if self._live is not None:
-            self._live.update(self._panel(alive, phase), refresh=True)
+        live = self._live
+        if live is not None:
+            self._unread.attempt(lambda: live.update(self._panel(alive, phase), refresh=True))
             return
         moment = time.monotonic()
-        if not now and moment < self._next:
+        if phase == STARTING or (not now and moment < self._next):
             return
         if self._progress.done != self._shown:
-            print(self._progress.line(), flush=True)
+            self.say(self._progress.line())
         elif phase.startswith(("waiting", "stopped")):
-            print(f"episode {self._progress.done}/{self._progress.episodes}  {phase}", flush=True)
+            self.say(f"episode {self._progress.done}/{self._progress.episodes}  {phase}")
         else:
             return
         self._shown = self._progress.done
@@ -61,7 +72,9 @@ class Reporter:
         panel = Table(title=self._title, show_header=False, min_width=60)
         panel.add_column(style="cyan", no_wrap=True)
         panel.add_column()
-        for label, value in self._progress.fields().items():
+        # How far an earlier start of the run came is known as soon as the task says so.
+        fields = {"episode": f"?/{self._progress.episodes}"} if phase == STARTING else self._progress.fields()
+        for label, value in fields.items():
             panel.add_row(label, value)
         panel.add_row("processes", " ".join(alive))
         panel.add_row("phase", phase)

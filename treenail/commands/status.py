@@ -8,6 +8,7 @@ import time
 from dataclasses import dataclass, field
 
 import zenoh
+from rich import box
 from rich.table import Table
 from rich.text import Text
 from zenoh.handlers import Callback
@@ -25,7 +26,9 @@ from services.wire.text import one_line
 LOOK_S = 1.2 * HEARTBEAT_S
 """How long is looked: every work loop that goes round beats in this time."""
 ANSWER_WITHIN_S = 1.0
-HEADINGS = ("service", "phase", "heartbeat", "messages/s", "handled", "refused", "run", "version", "contract", "host")
+HEADINGS = ("service", "phase", "heartbeat", "msgs/s", "handled", "refused", "pid")
+WHERE_THEY_DIFFER = ("run", "version", "contract", "host")
+"""Shown in a column each when the services do not all say the same, else in a line for all."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -54,12 +57,17 @@ def act(arguments: argparse.Namespace) -> None:
         }
         print(json.dumps(found))
         return
-    console().print(_table(title(seen), rows))
+    console().print(table(title(seen), rows))
+    for line in footnotes(rows):
+        print(line)
     for swap in seen.experiment.swaps if seen.experiment is not None else ():
         print(f"swap {words(swap)}")
-    if strangers := [str(one["service"]) for one in rows if one["contract_matches"] is False]:
+    if strangers := [str(row["service"]) for row in rows if row["contract_matches"] is False]:
         names = one_line(", ".join(strangers))
         print(f"another contract than this command's ({ours[:12]}): {names}; update them together, they cannot talk")
+
+
+Row = dict[str, str | int | float | bool | None]
 
 
 @dataclass
@@ -120,11 +128,11 @@ def title(seen: Seen) -> str:
     return f"Cell {seen.cell}: {name}, seed {seed}, episode {experiment.episodes_done} of {experiment.episodes}"
 
 
-def row(seen: Seen, name: str, ours: str) -> dict[str, str | int | float | bool | None]:
+def row(seen: Seen, name: str, ours: str) -> Row:
     """Return what is shown of one service; None where it did not say."""
     age_s = seen.beats.get(name)
     here, earlier = seen.after.get(name), seen.before.get(name)
-    shown: dict[str, str | int | float | bool | None] = {"service": name, "phase": _phase(seen, name)}
+    shown: Row = {"service": name, "phase": _phase(seen, name)}
     shown |= {"heartbeat_age_s": None if age_s is None else round(age_s, 2)}
     if here is None:
         empty = ("messages/s", "handled", "refused", "refusals", "run", "version", "contract", "host", "pid")
@@ -154,21 +162,38 @@ def _phase(seen: Seen, name: str) -> str:
     return here.phase if name in seen.present else f"not ready: {here.phase}"
 
 
-def _table(heading: str, rows: list[dict[str, str | int | float | bool | None]]) -> Table:
-    table = Table(title=Text(heading))
-    for name in HEADINGS:
-        table.add_column(name, overflow="fold")
-    for one in rows:
-        age_s = one["heartbeat_age_s"]
-        beat = f"none in {LOOK_S:.1f} s" if age_s is None else f"{age_s} s ago"
-        host = None if one["host"] is None else f"{one['host']} ({one['pid']})"
-        contract = f"{one['contract'] or ''}{' (differs)' if one['contract_matches'] is False else ''}"
-        refused = one["refusals"] or one["refused"]
-        shown = {**one, "heartbeat": beat, "host": host, "contract": contract.strip(), "refused": refused}
-        cells = ("" if shown[name] is None else str(shown[name]) for name in HEADINGS)
-        bad = one["contract_matches"] is not True or age_s is None
-        table.add_row(*(Text(one_line(cell)) for cell in cells), style="red" if bad else None)
-    return table
+def table(heading: str, rows: list[Row]) -> Table:
+    """Return the rows for people: at 80 columns none is broken, except in its phase, while the services agree."""
+    made = Table(title=Text(heading), box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
+    headings = (*HEADINGS, *(name for name in WHERE_THEY_DIFFER if len(_said(rows, name)) > 1))
+    for name in headings:
+        number = name in ("msgs/s", "handled", "refused", "pid")
+        made.add_column(name, justify="right" if number else "left", overflow="fold", no_wrap=name != "phase")
+    for row in rows:
+        age_s = row["heartbeat_age_s"]
+        contract = f"{row['contract'] or ''}{' (differs)' if row['contract_matches'] is False else ''}"
+        shown = {
+            **row,
+            "heartbeat": f"none in {LOOK_S:.1f} s" if age_s is None else f"{age_s} s ago",
+            "msgs/s": row["messages/s"],
+            "contract": contract.strip(),
+        }
+        cells = ("" if shown[name] is None else str(shown[name]) for name in headings)
+        bad = row["contract_matches"] is not True or age_s is None
+        made.add_row(*(Text(one_line(cell)) for cell in cells), style="red" if bad else None)
+    return made
+
+
+def footnotes(rows: list[Row]) -> list[str]:
+    """Return in lines what all services say alike, and what was refused by each."""
+    alike = [f"{name} {said[0]}" for name in WHERE_THEY_DIFFER if len(said := _said(rows, name)) == 1]
+    lines = [f"all: {one_line(', '.join(alike))}"] if alike else []
+    return lines + [one_line(f"refused by {row['service']}: {row['refusals']}") for row in rows if row["refusals"]]
+
+
+def _said(rows: list[Row], name: str) -> list[str]:
+    """Return the different values that services say of something; who says nothing does not count."""
+    return sorted({str(row[name]) for row in rows if row[name] is not None})
 
 
 def _answers(cell: client.Client) -> tuple[dict[str, Alive], dict[str, str]]:

@@ -30,6 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, help="run directory (default: runs/<experiment>-<hash>-s<seed>[-k<skill>][-w<swaps>])"
     )
     parser.add_argument("--fresh", action="store_true", help="forget what the run directory knows of earlier runs")
+    parser.add_argument("--stay", action="store_true", help="keep the finished cell for questions until Ctrl-C")
     parser.add_argument("--cell", default="a", help="name of the cell (default: a)")
     parser.add_argument(
         "--certs", type=Path, metavar="FOLDER", help="what `treenail certs` made: with mutual TLS and access control"

@@ -2,16 +2,26 @@
 
 from __future__ import annotations
 
+import fcntl
+import json
 import os
 import pty
+import re
 import signal
 import socket
+import struct
+import subprocess
 import sys
-from collections.abc import Callable
+import termios
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from experiments.lab.skills import digests
+from services.rules.skill import read
 
 EPISODES = 24
 """More than there are between two checkpoints."""
@@ -104,55 +114,126 @@ def test_a_stopped_run_leaves_nothing_behind_and_goes_on_when_started_again(
         assert _gone(pids)
         assert "the same command goes on from there" in process.out
     assert process.err == ""
+    if number == signal.SIGINT:
+        summary = json.loads((out / "summary.json").read_text())
+        (run,) = summary["runs"]
+        assert 0 < run["episodes"] <= EPISODES
+        assert summary.get("interrupted", {"episodes": run["episodes"]})["episodes"] == EPISODES
+        assert run["digests"] == reference(run["episodes"]), "what was learnt in the finished episodes alone"
+        skill = read(out / "seed1.skill")
+        assert digests(skill.skill)["q_table"] == run["digests"]["q_table"]
     again = up(out, EPISODES)
     assert again.end() == 0, again.err
     assert digests_in(out) == reference(EPISODES)
+    assert "interrupted" not in (out / "summary.json").read_text()
+    assert re.search(r"^resuming from episode [1-9]", again.out, re.MULTILINE)
     assert "goes on with episode" in (out / "logs" / "task.log").read_text()
 
 
+class Terminal:
+    """A command in a terminal of its own, whose screen is read."""
+
+    def __init__(self, *words: str, columns: int = 80) -> None:
+        self.said = ""
+        self.status: int | None = None
+        self.pid, self._terminal = pty.fork()
+        if self.pid == 0:
+            os.execve(sys.executable, [sys.executable, *words], {**os.environ, "TERM": "xterm"})
+        fcntl.ioctl(self._terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 50, columns, 0, 0))
+        os.set_blocking(self._terminal, False)
+
+    def read(self) -> str:
+        """Return all that was written on it so far."""
+        with suppress(OSError):
+            self.said += os.read(self._terminal, 65536).decode(errors="replace")
+        return self.said
+
+    def press(self, keys: bytes) -> None:
+        """Press keys."""
+        os.write(self._terminal, keys)
+
+    def ended(self) -> bool:
+        """Whether the command has ended."""
+        self.read()
+        if self.status is None and (waited := os.waitpid(self.pid, os.WNOHANG))[0]:
+            self.status = os.waitstatus_to_exitcode(waited[1])
+        return self.status is not None
+
+    def close(self) -> None:
+        """End the command if it has not."""
+        if not self.ended():
+            os.kill(self.pid, signal.SIGKILL)
+            os.waitpid(self.pid, 0)
+        os.close(self._terminal)
+
+
+@pytest.fixture
+def in_terminal(small: Path) -> Iterator[Callable[..., Terminal]]:
+    """Start ``treenail up sim`` in a terminal."""
+    terminals = []
+
+    def start(out: Path, episodes: int, *options: str, columns: int = 80) -> Terminal:
+        words = ["--experiment", str(small), "--episodes", str(episodes), "--out", str(out), "--port", "0"]
+        command = ("-m", "treenail.__main__", "up", "sim", *words, "--no-viewer", *options)
+        terminals.append(Terminal(*command, columns=columns))
+        return terminals[-1]
+
+    yield start
+    for terminal in terminals:
+        terminal.close()
+
+
 def test_ctrl_c_in_a_terminal_stops_everything(
-    small: Path, endpoint_of: Callable[[Path], str], wait_until: Callable[..., None], tmp_path: Path
+    in_terminal: Callable[..., Terminal], wait_until: Callable[..., None], tmp_path: Path
+) -> None:
+    terminal = in_terminal(tmp_path / "A", 500)
+    wait_until("it shows how it goes", lambda: "return(10)" in terminal.read())
+    terminal.press(b"\x03")
+    wait_until("it has ended", terminal.ended, SOON_S)
+    assert terminal.status == 130
+    assert "Traceback" not in terminal.said
+    assert "the same command goes on from there" in terminal.said
+
+
+@pytest.mark.parametrize("columns", [60, 140])
+def test_results_stay_on_the_screen_and_a_cell_that_stays_answers(
+    in_terminal: Callable[..., Terminal],
+    wait_until: Callable[..., None],
+    run_module: Callable[..., Any],
+    endpoint_of: Callable[[Path], str],
+    tmp_path: Path,
+    columns: int,
 ) -> None:
     out = tmp_path / "A"
-    words = ["--experiment", str(small), "--episodes", "500", "--out", str(out), "--port", "0", "--no-viewer"]
-    pid, terminal = pty.fork()
-    if pid == 0:
-        os.execv(sys.executable, [sys.executable, "-m", "treenail.__main__", "up", "sim", *words])
-    said, status = b"", None
-    os.set_blocking(terminal, False)
+    stay = ("--stay",) if columns == 60 else ()
+    terminal = in_terminal(out, 3, *stay, columns=columns)
+    if stay:
+        wait_until("it stays", lambda: "checkpoint export" in terminal.read())
+        asked = run_module("treenail.__main__", "q-table", "--connect", endpoint_of(out))
+        assert asked.end() == 0, asked.err
+        terminal.press(b"\x03")
+    wait_until("it has ended", terminal.ended)
+    assert terminal.status == 0
+    results = terminal.said.index("first 10")
+    assert terminal.said.rindex("\x1b[1A") < results, "nothing goes up the screen after the results"
+    assert (out / "seed0.skill").exists()
 
-    def read() -> None:
-        nonlocal said
-        try:
-            said += os.read(terminal, 65536)
-        except OSError:
-            return
 
-    def ended() -> bool:
-        nonlocal status
-        read()
-        found, got = os.waitpid(pid, os.WNOHANG)
-        status = os.waitstatus_to_exitcode(got) if found else None
-        return bool(found)
-
-    try:
-        endpoint_of(out)
-
-        def learning() -> bool:
-            read()
-            return b"return(10)" in said
-
-        wait_until("it shows how it goes", learning)
-        os.write(terminal, b"\x03")
-        wait_until("it has ended", ended, SOON_S)
-    finally:
-        if status is None:
-            os.kill(pid, signal.SIGKILL)
-            os.waitpid(pid, 0)
-        os.close(terminal)
-    assert status == 130
-    assert b"Traceback" not in said
-    assert b"the same command goes on from there" in said
+def test_when_nobody_reads_any_more_the_run_goes_on(
+    run_module: Callable[..., Any],
+    small: Path,
+    reference: Callable[..., dict[str, str]],
+    digests_in: Callable[[Path], dict[str, str]],
+    tmp_path: Path,
+) -> None:
+    out = tmp_path / "[bold]A[/x]"
+    words = ["--experiment", str(small), "--episodes", "3", "--seed", "1", "--out", str(out), "--port", "0"]
+    command = [sys.executable, "-m", "treenail.__main__", "up", "sim", *words, "--no-viewer"]
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False, timeout=120)
+    assert done.stderr == "treenail up: standard output: No space left on device; the run goes on unread\n"
+    assert done.returncode == 0
+    assert digests_in(out) == reference(3)
 
 
 def test_an_early_ctrl_c_is_quiet(up: Callable[..., Any], wait_until: Callable[..., None], tmp_path: Path) -> None:
