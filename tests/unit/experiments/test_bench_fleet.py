@@ -1,20 +1,15 @@
-"""``bench fleet``: a fleet of real processes ends like single runs, one that does not is told, and figures add up."""
+"""``bench fleet``: figures add up, a cell that differs is told, and what cannot be is one line."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from experiments.bench import fleet as bench_fleet
 from experiments.bench.__main__ import main
 from experiments.bench.cell import Subject
 from experiments.bench.fleet import Fleet, Moment, report
 from experiments.bench.processes import Usage, total
-from experiments.lab.run import TimedRun, run_seed
 
 SUBJECT = Subject("x", (), 0)
 
@@ -50,35 +45,6 @@ def test_one_cell_that_differs_is_one_too_many() -> None:
 
 def test_processes_are_added_up() -> None:
     assert total([Usage(1, 0.5), Usage(2, 0.25)]) == Usage(3, 0.75)
-
-
-def test_two_real_cells_end_as_two_single_runs(small: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ("--experiment", str(small), "--cells", "2", "--episodes", "3", "--seed", "5", "--json")
-    assert main(["fleet", *words]) == 0
-    found = json.loads(capsys.readouterr().out)["results"]
-    assert found["equal"] is True
-    (one,) = found["fleets"]
-    assert (one["cells"], one["equal"]) == (2, "2 of 2")
-    assert one["decisions_per_s"] > 0
-    keys = found["messages_per_decision"]
-    assert {"ft", "observation", "state", "action", "reward", "episode", "journal", "home and move"} <= set(keys)
-    for name in ("observation", "state", "action", "reward"):
-        assert keys[name]["messages"] >= 1
-        assert keys[name]["bytes"] > 40
-    assert keys["ft"]["messages"] >= keys["home and move"]["questions"] > 1, "a motion and its sample"
-
-
-def test_a_cell_that_ends_in_other_bytes_makes_exit_status_1(
-    small: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def other(*arguments: Any) -> TimedRun:
-        done = run_seed(*arguments)
-        digests: Any = {**done.result.digests, "q_table": "0" * 64}
-        return replace(done, result=replace(done.result, digests=digests))
-
-    monkeypatch.setattr(bench_fleet, "run_seed", other)
-    assert main(["fleet", "--experiment", str(small), "--cells", "1", "--episodes", "2"]) == 1
-    assert "0 of 1" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("option", "value"), [("cells", "0"), ("cells", "1,,2"), ("cells", "65"), ("episodes", "1")])
