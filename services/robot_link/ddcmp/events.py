@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import NamedTuple, TypeAlias
 
+from services.robot_link.machine import Table
+
 
 class State(Enum):
     """Where an end stands."""
@@ -15,6 +17,37 @@ class State(Enum):
     STARTING = "sending STRT"
     ANSWERED = "sending STACK"
     RUNNING = "running"
+
+
+class What(Enum):
+    """What can happen."""
+
+    STARTED_LISTENING = "start, to listen first"
+    STARTED = "start"
+    TIMED_OUT = "time-out"
+    STRT = "STRT came"
+    STACK = "STACK came"
+    AT_ZERO = "ACK or data with response 0 came"
+    FAILED = "failure"
+
+
+_LIVING = (State.LISTENING, State.STARTING, State.ANSWERED, State.RUNNING)
+
+TRANSITIONS: Table[State, What] = {
+    (State.HALTED, What.STARTED_LISTENING): State.LISTENING,
+    (State.HALTED, What.STARTED): State.STARTING,
+    (State.LISTENING, What.TIMED_OUT): State.STARTING,
+    (State.LISTENING, What.STRT): State.ANSWERED,
+    (State.STARTING, What.TIMED_OUT): State.STARTING,
+    (State.STARTING, What.STRT): State.ANSWERED,
+    (State.STARTING, What.STACK): State.RUNNING,
+    (State.ANSWERED, What.TIMED_OUT): State.ANSWERED,
+    (State.ANSWERED, What.STRT): State.ANSWERED,
+    (State.ANSWERED, What.STACK): State.RUNNING,
+    (State.ANSWERED, What.AT_ZERO): State.RUNNING,
+    **{(state, What.FAILED): State.HALTED for state in _LIVING},
+}
+"""A start from anywhere halts the line first."""
 
 
 @dataclass(frozen=True)

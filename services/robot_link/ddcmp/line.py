@@ -1,18 +1,15 @@
 """DDCMP, one end of a point-to-point line: bytes and time in, bytes and events out. No port, clock or thread. Pure.
 
-    HALTED --start--> LISTENING --nothing heard--> STARTING --STRT came--> ANSWERED --ACK, STACK, data--> RUNNING
-                      (listen_s)                   (sends STRT)            (sends STACK)
-
-LISTENING, too, answers a STRT; STACK takes STARTING straight to RUNNING. Any failure leads back to HALTED and says
-why. Times are seconds of any clock that does not go back. What is said here of timers and limits is V+'s; VAL II's
-own are not known.
+Its states and what leads from one to another are a table in ``events``, drawn in docs/state_machines.md. In STARTING it
+sends STRT, in ANSWERED STACK. Any failure leads back to HALTED and says why. Times are seconds of any clock that does
+not go back. What is said here of timers and limits is V+'s; VAL II's own are not known.
 """
 
 from __future__ import annotations
 
 from collections import deque
 
-from services.robot_link.ddcmp.events import Counts, Event, Halted, Outcome, Refused, Started, State
+from services.robot_link.ddcmp.events import TRANSITIONS, Counts, Event, Halted, Outcome, Refused, Started, State, What
 from services.robot_link.ddcmp.frames import (
     QUICK_SYNC_AND_SELECT,
     Ack,
@@ -30,6 +27,7 @@ from services.robot_link.ddcmp.frames import (
     encode,
 )
 from services.robot_link.ddcmp.settings import MODULUS, DdcmpError, DdcmpSettings
+from services.robot_link.machine import following
 
 _HALF = MODULUS // 2
 
@@ -80,10 +78,10 @@ class Ddcmp:
         """Begin afresh, forgetting all messages; return bytes to send."""
         self._reset(now_s)
         if self._settings.listen_s:
-            self.state = State.LISTENING
+            self._enter(What.STARTED_LISTENING)
             self._timer_s = now_s + self._settings.listen_s
         else:
-            self._begin(now_s)
+            self._begin(What.STARTED, now_s)
         return self._flush()
 
     def send(self, payload: bytes, now_s: float) -> bytes:
@@ -131,9 +129,9 @@ class Ddcmp:
 
     def _time_out(self, now_s: float) -> None:
         if self.state in (State.LISTENING, State.STARTING):
-            self._begin(now_s)
+            self._begin(What.TIMED_OUT, now_s)
         elif self.state is State.ANSWERED:
-            self._answer(now_s)
+            self._answer(What.TIMED_OUT, now_s)
         elif self._line_free_s > now_s:  # what we wait for an answer to has not left yet
             self._timer_s = self._line_free_s + self._settings.reply_timer_s
         else:
@@ -145,13 +143,16 @@ class Ddcmp:
             self._put(Rep((self._acknowledged + self._tried) % MODULUS), now_s)
             self._set_timer(self._settings.reply_timer_s)
 
-    def _begin(self, now_s: float) -> None:
-        self.state = State.STARTING
+    def _enter(self, what: What) -> None:
+        self.state = following(TRANSITIONS, self.state, what)
+
+    def _begin(self, what: What, now_s: float) -> None:
+        self._enter(what)
         self._put(Strt(), now_s)
         self._set_timer(self._settings.start_timer_s)
 
-    def _answer(self, now_s: float) -> None:
-        self.state = State.ANSWERED
+    def _answer(self, what: What, now_s: float) -> None:
+        self._enter(what)
         self._put(Stack(), now_s)
         self._set_timer(self._settings.start_timer_s)
 
@@ -176,16 +177,16 @@ class Ddcmp:
 
     def _starting(self, frame: Received, now_s: float) -> None:
         if isinstance(frame, Strt):
-            self._answer(now_s)
+            self._answer(What.STRT, now_s)
         elif isinstance(frame, Stack) and self.state is not State.LISTENING:
-            self._run()
+            self._run(What.STACK)
             self._ack_due = True
         elif isinstance(frame, Ack | Data) and self.state is State.ANSWERED and frame.response == 0:
-            self._run()
+            self._run(What.AT_ZERO)
             self._running(frame, now_s)
 
-    def _run(self) -> None:
-        self.state = State.RUNNING
+    def _run(self, what: What) -> None:
+        self._enter(what)
         self._timer_s = None
         self._events.append(Started())
 
@@ -294,7 +295,8 @@ class Ddcmp:
 
     def _halt(self, why: str, *, restarted: bool = False) -> None:
         lost = f"; {self.outstanding} messages may be lost" if self.outstanding else ""
-        self.state, self._timer_s = State.HALTED, None
+        self._enter(What.FAILED)
+        self._timer_s = None
         self._ack_due = False
         self.failure = f"DDCMP: {why}{lost}"
         self._events.append(Halted(self.failure, restarted))

@@ -1,7 +1,6 @@
 """The terminal of a VAL II or V+ controller as a machine: text in, events and text out. No port, clock or thread.
 
-    DOWN --start--> GREETING --prompt--> IDLE --ask--> ECHO --echo complete--> REPLY --prompt--> IDLE
-                    (start-up questions answered)          any of them --garbage, silence--> FAILED --start-->
+Its states and what leads from one to another are a table in ``states``, drawn in docs/state_machines.md.
 
 A command is sent without its end, and sent off only when every character of it has come back right: a line disturbed on
 the way there is never carried out. Whatever does not fit ends in ``Trouble``; the machine then has the controller
@@ -12,27 +11,18 @@ Text to send is collected in ``outgoing``; whoever owns the line takes it with `
 
 from __future__ import annotations
 
-import enum
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from services.robot_link.machine import following
 from services.robot_link.val2.dialects import Dialect
+from services.robot_link.val2.states import TRANSITIONS, What
+from services.robot_link.val2.states import State as State
 
 _BLANK = b"\r\n\x00\x7f"
 _LARGEST_LINE, _MOST_LINES = 200, 60
 _KNOCK_EVERY_S = 1.0
 _NO_COMMAND = "?"
-
-
-class State(enum.Enum):
-    """Where the dialogue stands."""
-
-    DOWN = "down"
-    GREETING = "greeting"
-    IDLE = "idle"
-    ECHO = "echo"
-    REPLY = "reply"
-    FAILED = "failed"
 
 
 class Greeted(NamedTuple):
@@ -101,7 +91,7 @@ class Terminal:
 
     def start(self, now_s: float) -> None:
         """Begin afresh: knock until the controller shows a prompt."""
-        self._enter(State.GREETING)
+        self._enter(What.STARTED)
         self._fresh = True
         self._knock(now_s)
 
@@ -117,7 +107,7 @@ class Terminal:
         self._command, self._awaited = command, command.encode()
         self._reply_s = self._timing.reply_s if reply_s is None else reply_s
         self._send(command)
-        self._enter(State.ECHO)
+        self._enter(What.ASKED)
         self._give_up_s = now_s + self._timing.echo_s
         if not self._echo:
             self._send_off(now_s)
@@ -156,7 +146,7 @@ class Terminal:
     def fail(self, reason: str) -> Trouble:
         """Give the dialogue up, and tell the controller to forget the line and to abort."""
         self._send(self._dialect.kill_line + self._dialect.abort + self._dialect.end_of_line)
-        self._enter(State.FAILED)
+        self._enter(What.FAILED)
         return Trouble(reason)
 
     # -- what is heard -----------------------------------------------------------------------------------------------
@@ -222,12 +212,12 @@ class Terminal:
         if not greeting:
             return [self._answer()]
         lines = tuple(self._lines)
-        self._enter(State.IDLE)
+        self._enter(What.PROMPTED)
         return [Greeted(lines)]
 
     def _answer(self) -> Answer:
         lines = tuple(self._lines)
-        self._enter(State.IDLE)
+        self._enter(What.PROMPTED)
         error = next((line for line in lines if line.lstrip().startswith(self._dialect.error_begins)), None)
         return Answer(self._command, lines, error)
 
@@ -253,12 +243,12 @@ class Terminal:
 
     def _send_off(self, now_s: float) -> None:
         self._send(self._dialect.end_of_line)
-        self._enter(State.REPLY)
+        self._enter(What.ECHOED)
         self._fresh = not self._echo
         self._give_up_s = now_s + self._reply_s
 
-    def _enter(self, state: State) -> None:
-        self.state = state
+    def _enter(self, what: What) -> None:
+        self.state = following(TRANSITIONS, self.state, what)
         self._give_up_s = None
         self._lines, self._fresh = [], False
         self._line.clear()
