@@ -7,9 +7,10 @@ import zenoh
 
 endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"
 question = sys.argv[2] if len(sys.argv) > 2 else "ft=-0.3,0.34,-0.74,-0.037,-0.033,0"
+cell = sys.argv[3] if len(sys.argv) > 3 else "a"
 config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [endpoint]}}))
 with zenoh.open(config) as session:
-    replies = list(session.get(f"treenail/a/agent/policy?{question};format=json", timeout=2.0))
+    replies = list(session.get(f"treenail/{cell}/agent/policy?{question};format=json", timeout=2.0))
     if not replies:
         sys.exit("nobody answered: is the cell up, and its agent alive?")
     if replies[0].ok is None:

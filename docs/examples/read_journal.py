@@ -7,9 +7,10 @@ import msgpack
 import zenoh
 
 endpoint = sys.argv[1] if len(sys.argv) > 1 else "tcp/127.0.0.1:7447"
+cell = sys.argv[2] if len(sys.argv) > 2 else "a"
 config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [endpoint]}}))
 with zenoh.open(config) as session:
-    for reply in session.get("treenail/a/journal/*/latest"):
+    for reply in session.get(f"treenail/{cell}/journal/*/latest"):
         assert str(reply.ok.encoding) == "application/msgpack;treenail.JournalEpisode.v2"
         entry = msgpack.unpackb(reply.ok.payload.to_bytes())
         outcome = entry["summary"]["outcome"]

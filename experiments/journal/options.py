@@ -15,7 +15,6 @@ from experiments.journal.source import InCell, InFile, Stored
 from experiments.journal.store_file import opened
 from services.bus import command
 from services.cell import client
-from services.cell.client import Client
 from services.cell.terminal import console, description
 from services.rules import command_line
 from services.rules.command_line import EXIT_DIFFERS
@@ -42,7 +41,7 @@ def places(arguments: argparse.Namespace, store: Path | None) -> Iterator[list[S
     """
     if store is None:
         arguments.cell = arguments.cell or os.environ.get(command.CELL, "a")
-        with Client(command.options(arguments)) as cell:
+        with client.client_of(arguments) as cell:
             yield [InCell(cell)]
         return
     with opened(store) as file:

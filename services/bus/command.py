@@ -27,6 +27,7 @@ FLEET = "TREENAIL_FLEET"
 """Environment variables that stand in for options, so that a container or a shell is told once."""
 _PR_SET_PDEATHSIG = 1
 MAX_FLEET = 1000
+CLIENT_WAITS_S = 5.0
 EXIT_OUSTED = 3
 """Exit status of a service that gave way to an earlier holder of its role: started again, it waits for the role."""
 
@@ -45,8 +46,9 @@ def parser(name: str, summary: str) -> Parser:
     return made
 
 
-def add_arguments(made: argparse.ArgumentParser, connect_timeout_s: float = 30.0) -> None:
-    """Add the options that say which cell, where its router is, and who we are."""
+def add_arguments(made: argparse.ArgumentParser, connect_timeout_s: float | None = 30.0) -> None:
+    """Add the options that say which cell, where its router is, and who we are; a time of None is a client's."""
+    hurry = f" (default: {CLIENT_WAITS_S:g}, but not where nobody listens)" if connect_timeout_s is None else ""
     made.add_argument("--cell", default=os.environ.get(CELL, "a"), help=f"name of the cell (default: ${CELL} or a)")
     made.add_argument(
         "--connect",
@@ -59,7 +61,7 @@ def add_arguments(made: argparse.ArgumentParser, connect_timeout_s: float = 30.0
         type=number(0.01, 1e6, "seconds"),
         default=connect_timeout_s,
         metavar="S",
-        help="seconds to wait for the router",
+        help=f"seconds to wait for the router{hurry}",
     )
     add_certs(made)
 
@@ -81,7 +83,8 @@ def options(arguments: argparse.Namespace) -> Options:
     usual = DEFAULT_ENDPOINT if arguments.certs is None else DEFAULT_SECURE_ENDPOINT
     connect = tuple(arguments.connect or told or (usual,))
     fleet = getattr(arguments, "fleet", None)  # not an option of clients
-    return Options(arguments.cell, connect, arguments.connect_timeout, arguments.certs, fleet)
+    timeout_s = CLIENT_WAITS_S if arguments.connect_timeout is None else arguments.connect_timeout
+    return Options(arguments.cell, connect, timeout_s, arguments.certs, fleet)
 
 
 def die_with_parent() -> None:

@@ -13,11 +13,12 @@ from zenoh.handlers import Callback
 
 from services.bus import command
 from services.bus.answers import answer_in
+from services.bus.knock import nobody_listens
 from services.bus.rights import Rights
 from services.bus.service import Options
 from services.bus.session import come_after, open_client
 from services.wire.codec import decode, decode_json, encode, encoding_of
-from services.wire.errors import ContractError, NoAnswerError, RefusedError, WrongVersionError
+from services.wire.errors import CellError, ContractError, NoAnswerError, RefusedError, WrongVersionError
 from services.wire.keys import ALIVE, ROOT, STORED, Keys, wild
 from services.wire.messages import Message, Refusal
 from services.wire.text import one_line
@@ -27,12 +28,20 @@ M = TypeVar("M", bound=Message)
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options that say which cell to ask, and where."""
-    command.add_arguments(parser, connect_timeout_s=5.0)
+    command.add_arguments(parser, None)
 
 
 def client_of(arguments: argparse.Namespace) -> Client:
-    """Return a client of the cell that parsed arguments name. Raises CellError when there is no router."""
-    return Client(command.options(arguments))
+    """Return a client of the cell that parsed arguments name.
+
+    Raises CellError when there is no router: at once where nobody listens, unless a time to wait was given.
+    """
+    at_once = arguments.connect_timeout is None
+    options = command.options(arguments)
+    if at_once and all(nobody_listens(endpoint) for endpoint in options.connect):
+        where = ", ".join(options.connect)
+        raise CellError(f"nobody listens on {where}; start a cell with `treenail up sim`, or say --connect ENDPOINT")
+    return Client(options)
 
 
 class Client:

@@ -19,6 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import IO, Any, NoReturn, TypeVar
 
+from services.wire import text
 from services.wire.errors import TreenailError
 
 EXIT_DIFFERS, EXIT_ERROR, EXIT_INTERRUPTED = 1, 2, 130
@@ -65,9 +66,9 @@ class Parser(argparse.ArgumentParser):
 
     def __init__(self, *args: Any, **settings: Any) -> None:
         settings.setdefault("formatter_class", Help)
-        for text in ("description", "epilog"):
-            if settings.get(text):
-                settings[text] = settings[text].replace("``", "`")  # docstrings mark code so, people do not
+        for part in ("description", "epilog"):
+            if settings.get(part):
+                settings[part] = settings[part].replace("``", "`")  # docstrings mark code so, people do not
         super().__init__(*args, **settings)
 
     def error(self, message: str) -> NoReturn:
@@ -103,22 +104,25 @@ def _options(parser: argparse.ArgumentParser) -> list[str]:
 def whole(least: int = 1, most: int = 10**9) -> Callable[[str], int]:
     """Return a reader of whole numbers from ``least`` to ``most``, written in plain digits."""
 
-    def read(text: str) -> int:
-        if re.fullmatch(r"-?[0-9]{1,20}", text) and least <= int(text) <= most:
-            return int(text)
-        raise argparse.ArgumentTypeError(f"expected a whole number {_range(least, most, 10**9)}, got {text!r}")
+    def read(said: str) -> int:
+        try:
+            return text.whole(said, least, most)
+        except ValueError:
+            wanted = f"a whole number {_range(least, most, 10**9)}"
+            raise argparse.ArgumentTypeError(f"expected {wanted}, got {said!r}") from None
 
     return read
 
 
-def number(least: float, most: float, what: str = "") -> Callable[[str], float]:
-    """Return a reader of numbers from ``least`` to ``most``; ``what`` names the unit."""
+def number(least: float, most: float, unit: str = "") -> Callable[[str], float]:
+    """Return a reader of numbers from ``least`` to ``most``; ``unit`` is for the error."""
 
-    def read(text: str) -> float:
-        if re.fullmatch(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?", text) and least <= float(text) <= most:
-            return float(text)
-        unit = f" {what}" if what else ""
-        raise argparse.ArgumentTypeError(f"expected {_range(least, most, float('inf'))}{unit}, got {text!r}")
+    def read(said: str) -> float:
+        with suppress(ValueError):
+            if least <= text.number(said) <= most:
+                return text.number(said)
+        wanted = f"{_range(least, most, float('inf'))} {unit}".rstrip()
+        raise argparse.ArgumentTypeError(f"expected {wanted}, got {said!r}")
 
     return read
 

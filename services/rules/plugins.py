@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from services.wire.definition import Definition, Plugin, Policy, Setting
 from services.wire.errors import TreenailError
+from services.wire.text import in_words
 
 CLASSIFIERS, LEARNERS = "treenail.classifiers", "treenail.learners"
 """Groups of entry points."""
@@ -180,7 +181,7 @@ def settings_as(wanted: type[T], given: Mapping[str, Setting]) -> T:
     try:
         return msgspec.convert(given, wanted)
     except msgspec.ValidationError as error:
-        raise ValueError(str(error)) from None
+        raise ValueError(in_words(str(error))) from None
 
 
 def _made(group: str, what: str, plugin: Plugin, *rest: object) -> Any:

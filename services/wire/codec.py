@@ -19,7 +19,7 @@ import msgspec
 from services.wire.definition_rules import contradiction
 from services.wire.errors import BadPayloadError, WrongTypeError, WrongVersionError
 from services.wire.messages import MESSAGES, Experiment, Message, RunRecord, Skill
-from services.wire.text import one_line
+from services.wire.text import in_words, one_line
 
 MAX_PAYLOAD_BYTES = 1 << 24
 ENCODING_PREFIX = "application/msgpack;treenail."
@@ -68,7 +68,7 @@ def decode_payload(kind: type[M], payload: bytes) -> M:
     try:
         message: M = _DECODERS[kind].decode(payload)
     except msgspec.ValidationError as error:
-        raise BadPayloadError(f"{kind.__name__}: {one_line(str(error))}") from error
+        raise BadPayloadError(f"{kind.__name__}: {one_line(in_words(str(error)))}") from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         got = f"{len(payload)} bytes: {one_line(str(error))}"
         raise BadPayloadError(f"{kind.__name__}: expected a MessagePack map, got {got}") from error
@@ -82,7 +82,7 @@ def decode_json(kind: type[M], payload: bytes) -> M:
     try:
         return msgspec.json.decode(payload, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise BadPayloadError(f"{kind.__name__}: {one_line(str(error))}") from error
+        raise BadPayloadError(f"{kind.__name__}: {one_line(in_words(str(error)))}") from error
 
 
 def decode_any(payload: bytes, encoding: str) -> Message:

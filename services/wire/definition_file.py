@@ -21,7 +21,7 @@ from services.wire.definition import Definition
 from services.wire.definition_rules import contradiction
 from services.wire.errors import DefinitionError, TreenailError
 from services.wire.randomness import MAX_SEED
-from services.wire.text import decode, one_line
+from services.wire.text import decode, in_words, one_line
 
 _TABLE = re.compile(r"^\s*\[([A-Za-z0-9_.\s]+)\]")
 _KEY = re.compile(r"^\s*([A-Za-z0-9_.]+)\s*=")
@@ -97,7 +97,7 @@ def check(fields: Mapping[str, object], places: Mapping[str, str], source: str) 
     try:
         definition = msgspec.convert(_with_kinds(fields), Definition)
     except msgspec.ValidationError as error:
-        raise DefinitionError(one_line(_explain(str(error), fields, places, source), 1000)) from None
+        raise DefinitionError(one_line(_explain(in_words(str(error)), fields, places, source), 1000)) from None
     if found := contradiction(definition):
         key, complaint = found
         raise DefinitionError(f"{_place(key, places, source)}: {key}: {complaint}")

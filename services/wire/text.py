@@ -6,6 +6,7 @@ import math
 import re
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_NAME_RULE = re.compile(r"`str` matching regex '\^(?:\[([^\]]+)\])?\[([^\]]+)\]\{(\d+)(?:,(\d+))?\}\\+Z'")
 _WHOLE = re.compile(r"[+-]?[0-9]{1,20}")
 
 
@@ -47,6 +48,20 @@ def decode(raw: bytes) -> str:
         return raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"expected UTF-8 text: byte {error.start} is {raw[error.start]:#04x}") from None
+
+
+def in_words(complaint: str) -> str:
+    """Return a complaint of msgspec's with the rule for a name in words instead of as a regular expression."""
+    return _NAME_RULE.sub(_rule_in_words, complaint)
+
+
+def _rule_in_words(rule: re.Match[str]) -> str:
+    first, rest, least, most = rule.groups()
+    others = " ".join(re.findall(".-.|.", rest))
+    if first is None:
+        return f"{least} of {others}"
+    counts = f"{int(least) + 1} to {int(most) + 1}"
+    return f"{counts} of {others}, the first of {' '.join(re.findall('.-.|.', first))}"
 
 
 def one_line(text: str, most: int = 300) -> str:

@@ -143,7 +143,8 @@ WRONG = [
     ('name = "mine"\nstart.x_mm = 99\n', 2, "start.x_mm: expected `float` <= 20.0, got 99"),
     ('name = "mine"\nstart = { x_mm = 99 }\n', 2, "start.x_mm: expected `float` <= 20.0, got 99"),
     ('name = "mine"\nstart = 5\n', 2, "start: expected `object`, got `int`"),
-    ('name = "Mine"\n', 1, "name: expected `str` matching regex"),
+    ('name = "Mine"\n', 1, "name: expected 1 to 64 of a-z 0-9 -, the first of a-z 0-9, got 'Mine'"),
+    ('name = "mine"\n[learner]\nkind = "plugin"\nname = "A"\n', 4, "learner.name: expected 1 to 64 of a-z 0-9 _ -"),
     ('name = "mine"\n[parts]\nshape = "oval"\n', 3, "parts.shape: expected one of 'round', 'square', got 'oval'"),
     ('name = "mine"\n[moves]\nactions = 7\n', 3, "moves.actions: expected one of 5, 9, 11, got 7"),
     (
