@@ -1,7 +1,10 @@
 """The thesis's four figures: return, mean force, mean torque and failures over the episodes (Figs. 6.6-6.10).
 
 One seed is drawn as it is: every episode thin, the mean of the last ten on top. Several seeds are drawn as the median
-of those means with a band from the 5th to the 95th percentile. Colours are Okabe and Ito's, told apart by everyone.
+of those means with a band from the 5th to the 95th percentile. Beside the whole run stands its last quarter with an
+axis of its own, since the first episodes are often a hundred times worse than the last. Marks at the foot are episodes
+that ended in a collision, and a dotted line is what the thesis says of the experiment, where it does. Colours are Okabe
+and Ito's, told apart by everyone.
 """
 
 from __future__ import annotations
@@ -17,6 +20,7 @@ from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
+from experiments.reproduce.insertion_thesis import REPORTED, Said
 from services.rules.results import BLOCK, failures_per_10
 from services.wire.messages import EpisodeSummary
 
@@ -24,8 +28,10 @@ WINDOW = 10
 """Episodes in the moving average."""
 SIZE_INCH = (9.0, 5.0)
 DOTS_PER_INCH = 100
-BLACK, BLUE, SKY, VERMILION = "#000000", "#0072B2", "#56B4E9", "#D55E00"
+BLACK, BLUE, SKY, VERMILION, GREEN = "#000000", "#0072B2", "#56B4E9", "#D55E00", "#009E73"
 BAND_PERCENT = (5.0, 95.0)
+SHORT = 20
+"""Runs of fewer episodes are drawn without their last quarter."""
 
 Episodes = Mapping[int, Sequence[EpisodeSummary]]
 """Episodes of each seed, in order, equally many of every seed."""
@@ -36,12 +42,14 @@ class _Curve(NamedTuple):
     title: str
     axis: str
     field: str
+    reported: str
+    """What the thesis reports of it, as a field of ``Reported``."""
 
 
 _CURVES = (
-    _Curve("return.png", "Return", "return of the episode", "episode_return"),
-    _Curve("force.png", "Mean force", "mean force [N]", "mean_force_n"),
-    _Curve("torque.png", "Mean torque", "mean torque [N·m]", "mean_torque_nm"),
+    _Curve("return.png", "Return", "return of the episode", "episode_return", "episode_return"),
+    _Curve("force.png", "Mean force", "mean force [N]", "mean_force_n", "force_n"),
+    _Curve("torque.png", "Mean torque", "mean torque [N·m]", "mean_torque_nm", "torque_nm"),
 )
 
 
@@ -55,10 +63,12 @@ def figures(experiment: str, episodes: Episodes) -> dict[str, bytes]:
         raise ValueError(f"figures: expected equally many episodes of every seed, got {lengths}")
     seeds = f"seed {next(iter(lengths))}" if len(lengths) == 1 else f"{len(lengths)} seeds"
     where = f"{experiment}, {seeds}"
+    collisions = np.array([[summary.outcome == "collision" for summary in of_seed] for of_seed in episodes.values()])
     images = {}
     for curve in _CURVES:
         values = np.array([[getattr(summary, curve.field) for summary in of_seed] for of_seed in episodes.values()])
-        images[curve.file] = _png(_curve_figure(curve, where, values))
+        drawn = _curve_figure(curve, where, values, collisions, thesis(experiment, curve.reported))
+        images[curve.file] = _png(drawn)
     failures = np.array([failures_per_10(of_seed) for of_seed in episodes.values()])
     images["failures.png"] = _png(_failure_figure(where, failures))
     return images
@@ -72,9 +82,43 @@ def moving_average(values: NDArray[np.float64]) -> NDArray[np.float64]:
     return means
 
 
-def _curve_figure(curve: _Curve, where: str, values: NDArray[np.float64]) -> Figure:
-    """Draw one quantity, shape (seeds, episodes)."""
-    figure, axes = _blank(curve.title, where, curve.axis)
+def thesis(experiment: str, reported: str) -> float | None:
+    """Return what the thesis says of a shipped experiment once it is steady, None where it says nothing of our task."""
+    for one in REPORTED:
+        if one.name == experiment and not one.apart:
+            said: Said | None = getattr(one, reported)
+            return None if said is None else said.value
+    return None
+
+
+def _curve_figure(
+    curve: _Curve,
+    where: str,
+    values: NDArray[np.float64],
+    collisions: NDArray[np.bool_],
+    told: float | None,
+) -> Figure:
+    """Draw one quantity, ``values`` and ``collisions`` of shape (seeds, episodes); ``told`` is the thesis's number."""
+    episodes = values.shape[1]
+    figure, panels = _blank(curve.title, where, curve.axis, columns=1 if episodes < SHORT else 2)
+    for axes in panels:
+        _draw(axes, values)
+        if told is not None:
+            axes.axhline(told, color=GREEN, linewidth=1.5, linestyle=":", label=f"the thesis, steady: {told:g}")
+        _mark(axes, collisions)
+    whole, *late = panels
+    whole.set_xlim(-0.5, episodes)
+    if curve.field != "episode_return":
+        whole.set_ylim(0, 1.1 * max(whole.dataLim.y1, told or 0.0) or 1.0)
+    for axes in late:
+        axes.set_title("last quarter", loc="left", fontsize=11)
+        axes.set_xlim(episodes - episodes // 4 - 0.5, episodes)
+        axes.set_ylim(readable(values[:, -(episodes // 4) :], told))
+    _legend(figure, whole)
+    return figure
+
+
+def _draw(axes: Axes, values: NDArray[np.float64]) -> None:
     episode = np.arange(values.shape[1])
     means = moving_average(values)
     # A run of a few episodes would be an invisible line without its points.
@@ -87,16 +131,37 @@ def _curve_figure(curve: _Curve, where: str, values: NDArray[np.float64]) -> Fig
         axes.fill_between(episode, low, high, color=SKY, alpha=0.4, linewidth=0, label="5 % to 95 % of the seeds")
         label = f"median over the seeds of the mean of the last {WINDOW} episodes"
         axes.plot(episode, middle, color=BLUE, linewidth=2.2, marker=marker, label=label)
-    axes.set_xlim(-0.5, values.shape[1])
-    if curve.field != "episode_return":
-        axes.set_ylim(0, 1.1 * axes.dataLim.y1 or 1.0)
-    _legend(figure)
-    return figure
+
+
+def _mark(axes: Axes, collisions: NDArray[np.bool_]) -> None:
+    """Mark the episodes that ended in a collision at the foot; the paler, the fewer seeds."""
+    times = np.flatnonzero(collisions.any(axis=0))
+    if times.size:
+        axes.scatter(
+            times,
+            np.full(times.size, 0.015),
+            s=28,
+            marker="|",
+            color=VERMILION,
+            alpha=np.maximum(collisions.mean(axis=0)[times], 0.15),
+            transform=axes.get_xaxis_transform(),
+            zorder=3,
+            label="ended in a collision",
+        )
+
+
+def readable(values: NDArray[np.float64], told: float | None) -> tuple[float, float]:
+    """Return limits for an axis that shows nine tenths of values and means, and the thesis's; rare failures run off."""
+    ranges = np.percentile(values, BAND_PERCENT), np.percentile(moving_average(values), BAND_PERCENT)
+    shown = [*np.concatenate(ranges).tolist(), *(() if told is None else (told,))]
+    low, high = min(shown), max(shown)
+    margin = 0.15 * (high - low) or 0.1 * abs(high) or 1.0
+    return low - margin, high + margin
 
 
 def _failure_figure(where: str, failures: NDArray[np.int64]) -> Figure:
     """Draw the failures in each block of ten episodes, shape (seeds, blocks)."""
-    figure, axes = _blank("Failures", where, f"failures in {BLOCK} episodes")
+    figure, (axes,) = _blank("Failures", where, f"failures in {BLOCK} episodes")
     blocks = failures.shape[1]
     middle = BLOCK * (np.arange(blocks) + 0.5) - 0.5
     low, median, high = np.percentile(failures, (BAND_PERCENT[0], 50.0, BAND_PERCENT[1]), axis=0)
@@ -107,29 +172,32 @@ def _failure_figure(where: str, failures: NDArray[np.int64]) -> Figure:
         axes.vlines(middle, low, high, color=BLACK, linewidth=width, label="5 % to 95 % of the seeds")
     axes.set_xlim(-0.5, BLOCK * blocks)
     axes.set_ylim(0, BLOCK)
-    _legend(figure)
+    _legend(figure, axes)
     return figure
 
 
-def _blank(title: str, where: str, axis: str) -> tuple[Figure, Axes]:
+def _blank(title: str, where: str, axis: str, columns: int = 1) -> tuple[Figure, list[Axes]]:
+    """Return a figure and its panels from left to right."""
     figure = Figure(figsize=SIZE_INCH, dpi=DOTS_PER_INCH, layout=ConstrainedLayoutEngine(w_pad=0.12, h_pad=0.06))
-    axes = figure.add_subplot()
-    axes.set_title(title, loc="left", fontsize=16, fontweight="bold")
-    axes.set_title(where, loc="right", fontsize=11)
-    axes.set_xlabel("episode", fontsize=12)
-    axes.set_ylabel(axis, fontsize=12)
-    axes.tick_params(labelsize=11)
-    axes.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
-    axes.grid(axis="y", color="#D9D9D9", linewidth=0.8)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    return figure, axes
+    panels: list[Axes] = list(figure.subplots(1, columns, squeeze=False, width_ratios=(2, 1)[:columns])[0])
+    panels[0].set_title(title, loc="left", fontsize=16, fontweight="bold")
+    panels[0].set_title(where, loc="right", fontsize=11)
+    panels[0].set_ylabel(axis, fontsize=12)
+    for axes in panels:
+        axes.set_xlabel("episode", fontsize=12)
+        axes.tick_params(labelsize=11)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True, steps=[1, 2, 5, 10]))
+        axes.grid(axis="y", color="#D9D9D9", linewidth=0.8)
+        axes.set_axisbelow(True)
+        for side in ("top", "right"):
+            axes.spines[side].set_visible(False)
+    return figure, panels
 
 
-def _legend(figure: Figure) -> None:
+def _legend(figure: Figure, axes: Axes) -> None:
     # Below the axes: inside, it would lie on the data of one experiment or another.
-    figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=11)
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=2, frameon=False, fontsize=11)
 
 
 def _png(figure: Figure) -> bytes:

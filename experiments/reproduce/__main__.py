@@ -12,7 +12,7 @@ from services.rules import command_line
 from services.rules.command_line import Parser, whole
 
 PROGRAM = "treenail reproduce"
-SEEDS, QUICK_SEEDS = 10, 3
+SEEDS, QUICK_SEEDS = 10, 2
 MAX_SEEDS = 1000
 
 
@@ -36,7 +36,7 @@ def _act(arguments: argparse.Namespace) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser, count = Parser(prog=PROGRAM, description=__doc__), whole(1, MAX_SEEDS)
-    parser.add_argument("--quick", action="store_true", help="a few minutes: few seeds, short runs, rough numbers")
+    parser.add_argument("--quick", action="store_true", help="five minutes: few seeds, short runs, rough numbers")
     parser.add_argument(
         "--out", type=Path, default=Path("report"), metavar="DIR", help="where to write (default: report)"
     )

@@ -57,6 +57,8 @@ class Cache:
         self._folder = folder
         self._say = say
         self._code = code
+        self.from_before = 0
+        """How many results were taken from the folder so far."""
 
     def load(self, kind: str, key: object, result: type[T]) -> T | None:
         """Return the result of a piece, None when there is none that can be used; CacheError upon a wrong key."""
@@ -70,7 +72,9 @@ class Cache:
             self._say(f"{path}: cannot be read ({error.strerror}), computing it again")
             return None
         try:
-            return self._checked(content, kind, wanted, result)
+            value = self._checked(content, kind, wanted, result)
+            self.from_before += 1
+            return value
         except _UnusableError as error:
             self._set_aside(path, str(error))
         except msgspec.MsgspecError as error:

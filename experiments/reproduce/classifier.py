@@ -16,7 +16,17 @@ from experiments.reproduce import classifier_thesis as thesis
 from experiments.reproduce.chapter import Block, Chapter, Heading, Table, Text
 from experiments.reproduce.classifier_counts import counts
 from experiments.reproduce.classifier_real import blocks, real
-from experiments.reproduce.classifier_runs import PART_VECTORS, SETTINGS, Learnt, Shown, Source, learnt, recordings
+from experiments.reproduce.classifier_runs import (
+    PART_VECTORS,
+    QUICK_PART_VECTORS,
+    QUICK_PARTS,
+    SETTINGS,
+    Learnt,
+    Shown,
+    Source,
+    learnt,
+    recordings,
+)
 from experiments.reproduce.classifier_stability import sizes, stability
 from experiments.reproduce.classifier_truth import truth
 from experiments.reproduce.context import Context
@@ -26,7 +36,7 @@ def chapter(context: Context) -> Chapter:
     """Return the chapter; DataError when a data set is given that is not right."""
     rhos = thesis.QUICK_RHOS if context.quick else thesis.RHOS
     # First, so that a damaged file is told before minutes of work.
-    from_robot = real(context, rhos, THESIS_VECTORS // 2 if context.quick else THESIS_VECTORS)
+    from_robot = real(context, rhos, QUICK_PARTS * QUICK_PART_VECTORS if context.quick else THESIS_VECTORS)
     recorded = recordings(context)
     sources = [Source.of([one.samples for one in recording]) for recording in recorded]
     runs = _runs(context, sources, rhos)
@@ -57,7 +67,8 @@ def _runs(context: Context, sources: Sequence[Source], rhos: Sequence[float]) ->
 
 def _recorded(recorded: Sequence[Sequence[Supervised]], quick: bool) -> tuple[Block, ...]:
     noise = cell().noise
-    less = " This quick run has one recording, of half as many vectors." if quick else ""
+    part = QUICK_PART_VECTORS if quick else PART_VECTORS
+    less = f" This quick run has one recording, of {QUICK_PARTS * QUICK_PART_VECTORS} vectors." if quick else ""
     rows = []
     for number, recording in enumerate(recorded):
         samples = [sample for one in recording for sample in one.samples]
@@ -75,7 +86,7 @@ def _recorded(recorded: Sequence[Sequence[Supervised]], quick: bool) -> tuple[Bl
             f"{noise.force_n:g} N and {noise.torque_nm:g} N m, of the arm {noise.along_mm:g} mm along a motion). The "
             "supervisor knows where the peg is: he steers for a point within 0.8 mm and 1° of the axis, another one "
             "each time, presses on, and makes 15 % of his moves at random. A vector is kept whenever the force is "
-            f"0.3 N or more. Each recording is made of parts of {PART_VECTORS} vectors; the last insertion of a part "
+            f"0.3 N or more. Each recording is made of parts of {part} vectors; the last insertion of a part "
             "is cut short. The network is Treenail's, with the settings of its experiments." + less
         ),
         Table(

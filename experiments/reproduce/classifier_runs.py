@@ -22,8 +22,9 @@ from services.wire.definition_file import definition_sha256
 
 PART_VECTORS = 5056
 """Vectors of a part; four make as many as the thesis has."""
-PARTS, QUICK_PARTS = 4, 2
-RECORDINGS, QUICK_RECORDINGS = 4, 1
+PARTS, RECORDINGS = 4, 4
+QUICK_PARTS, QUICK_PART_VECTORS, QUICK_RECORDINGS = 2, 1264, 1
+"""An eighth of the thesis's vectors, over two processes."""
 PROBES = 5
 LOOK_EVERY = 1000
 """Presentations between looks at the probes, after one at the first."""
@@ -72,9 +73,11 @@ class Source:
 
 
 def recordings(context: Context) -> list[list[Supervised]]:
-    """Return the recordings: in full mode several of as many vectors as the thesis's, in quick mode one of half."""
-    parts, count = (QUICK_PARTS, QUICK_RECORDINGS) if context.quick else (PARTS, RECORDINGS)
-    keys = [Part(number, PART_VECTORS) for number in range(parts * min(count, len(context.seeds)))]
+    """Return the recordings: in full mode several of as many vectors as the thesis's, in quick mode a short one."""
+    parts, vectors, count = PARTS, PART_VECTORS, RECORDINGS
+    if context.quick:
+        parts, vectors, count = QUICK_PARTS, QUICK_PART_VECTORS, QUICK_RECORDINGS
+    keys = [Part(number, vectors) for number in range(parts * min(count, len(context.seeds)))]
     done = context.pieces("insertions, recorded", keys, record_part, list[Supervised])
     return [list(chain(*done[first : first + parts])) for first in range(0, len(done), parts)]
 

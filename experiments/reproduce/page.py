@@ -29,6 +29,8 @@ class Done:
     reason: str = ""
     """Why it could not."""
     seconds: float = 0.0
+    from_before: int = 0
+    """Pieces of it that an earlier report had computed."""
 
 
 def render(title: str, facts: Mapping[str, str], done: Sequence[Done], quick: bool) -> str:
@@ -38,6 +40,7 @@ def render(title: str, facts: Mapping[str, str], done: Sequence[Done], quick: bo
     )
     environment.filters["drawn"] = _Drawn()
     environment.filters["anchor"] = anchor
+    environment.filters["short"] = lambda title: title.partition(" (")[0]
     template = environment.from_string(_TEMPLATE.read_text(encoding="utf-8"))
     return template.render(
         title=title,

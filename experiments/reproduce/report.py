@@ -65,23 +65,24 @@ def make(wanted: Wanted, sections: Sequence[Section] = SECTIONS) -> Path:
         cache = Cache(wanted.out / CACHE, reporter.say, code_sha256())
         context = Context(wanted.quick, wanted.seeds, wanted.data, cache, reporter, wanted.jobs or usable_cores())
         done = [run(section, context) for section in sections if wanted.only is None or section.name in wanted.only]
-    _write(index, page.render(TITLE, _facts(wanted, time.monotonic() - began), done, wanted.quick))
+    facts = _facts(wanted, time.monotonic() - began, cache.from_before)
+    _write(index, page.render(TITLE, facts, done, wanted.quick))
     return index
 
 
 def run(section: Section, context: Context) -> Done:
     """Run one section; what it lacks is no error."""
-    began = time.monotonic()
+    began, before = time.monotonic(), context.cache.from_before
     context.reporter.say(section.title)
     try:
         chapter = section.run(context)
     except CannotRun as error:
         context.reporter.say(f"{section.name}: could not run: {error}")
         return Done(section, None, str(error))
-    return Done(section, chapter, seconds=time.monotonic() - began)
+    return Done(section, chapter, seconds=time.monotonic() - began, from_before=context.cache.from_before - before)
 
 
-def _facts(wanted: Wanted, seconds: float) -> dict[str, str]:
+def _facts(wanted: Wanted, seconds: float, from_before: int) -> dict[str, str]:
     """Return what was run, by label."""
     system = os.uname()
     return {
@@ -92,7 +93,7 @@ def _facts(wanted: Wanted, seconds: float) -> dict[str, str]:
         "length": "quick" if wanted.quick else "full",
         "seeds": f"{len(wanted.seeds)}: {wanted.seeds[0]} to {wanted.seeds[-1]}",
         "sections": ", ".join(wanted.only) if wanted.only else "all",
-        "took": f"{progress.duration(seconds)}, with what was kept from before",
+        "took": progress.duration(seconds) + (f", with {from_before} pieces kept from before" if from_before else ""),
     }
 
 

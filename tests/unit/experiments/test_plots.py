@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from experiments.lab.plots import figures, moving_average
+from experiments.lab.plots import figures, moving_average, readable, thesis
 from services.wire.messages import EpisodeSummary
 
 NAMES = {"return.png", "force.png", "torque.png", "failures.png"}
@@ -74,6 +74,49 @@ def test_failures_are_bars_as_high_as_they_are_many() -> None:
     assert none == 0.0
     assert all_of_them > 0.4
     assert some == pytest.approx(all_of_them / 2, rel=0.05)
+
+
+def test_the_end_of_learning_can_be_read() -> None:
+    """Beside a first episode of -1000, a last quarter at -16 is another picture than one at -20."""
+
+    def late(worth: float) -> NDArray[np.float32]:
+        first, *others = episodes(0, 40, 0)
+        steady = [msgspec.structs.replace(one, episode_return=worth + one.episode % 2) for one in others]
+        run = [msgspec.structs.replace(first, episode_return=-1000.0), *steady]
+        return pixels(figures("by-hand", {0: run})["return.png"])
+
+    whole, quarter = (slice(40, 380), slice(100, 550)), (slice(40, 380), slice(590, 890))
+    assert np.abs(late(-16.0)[whole] - late(-20.0)[whole]).mean() < 0.02
+    assert late(-16.0)[quarter].std() > 0.05
+
+
+def test_limits_of_the_last_quarter_leave_rare_failures_aside_and_hold_the_thesis() -> None:
+    values = np.full((1, 100), -16.0)
+    values[0, 3] = -1000.0
+    low, high = readable(values[:, 20:], None)
+    assert -20 < low < -16 < high < -10
+    assert readable(values[:, 20:], -12.0)[1] > -12.0
+
+
+def test_the_thesis_is_drawn_for_its_own_task_alone() -> None:
+    assert thesis("chamfered-q-softmax", "episode_return") == -15.0
+    assert thesis("chamfered-q-softmax", "force_n") == 0.33
+    assert thesis("initial", "episode_return") is None, "another task than ours"
+    assert thesis("by-hand", "episode_return") is None
+    with_line, without = (
+        share_of(pixels(figures(name, {0: episodes(0, 40, 0)})["return.png"]), (0x00, 0x9E, 0x73))
+        for name in ("chamfered-q-softmax", "by-hand")
+    )
+    assert with_line > without == 0.0
+
+
+def test_collisions_are_marked_on_every_curve() -> None:
+    vermilion = (0xD5, 0x5E, 0x00)
+    marks = [
+        share_of(pixels(figures("by-hand", {0: episodes(0, 40, count)})["force.png"])[:410], vermilion)
+        for count in (0, 5, 20)
+    ]
+    assert marks[0] == 0.0 < marks[1] < marks[2]
 
 
 def test_same_episodes_give_the_same_bytes() -> None:
