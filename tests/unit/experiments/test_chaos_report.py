@@ -7,13 +7,13 @@ import json
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 from experiments.chaos.campaign import RunReport
 from experiments.chaos.drive import Done
 from experiments.chaos.plan import Disturbance, Plan, Section
 from experiments.chaos.reference import Reference, compare, undisturbed
 from experiments.chaos.report import as_json, lines, table, well
+from services.cell.terminal import console
 from services.wire.definition_file import load
 
 EPISODES = 3
@@ -41,10 +41,8 @@ def report(run: Reference, expected: Reference, done: Done) -> RunReport:
 
 
 def shown(plan: Plan, reports: list[RunReport]) -> str:
-    console = Console(file=io.StringIO(), width=120)
-    console.print(table(reports))
-    text = console.file
-    assert isinstance(text, io.StringIO)
+    text = io.StringIO()
+    console(least_width=120, file=text).print(table(reports))
     return "\n".join((text.getvalue(), *lines(plan, reports, {"clock": "no C compiler (cc) here"})))
 
 
@@ -55,6 +53,7 @@ def test_a_run_that_was_made_twice_is_equal(runs: dict[int, Reference]) -> None:
     assert well(PLAN, [found])
     text = shown(PLAN, [found])
     assert "yes" in text and "DIFFERS" not in text
+    assert text.count("[s]") == 2, "units are no markup"
     assert "1 of 1 kills" in text
     assert "skipped: the wall clock of all jumps (no C compiler (cc) here)" in text
     assert json.loads(json.dumps(as_json(PLAN, [found], {})))["rows"]["SIGKILL of agent"]["restart_s"]["median"] == 0.25
