@@ -24,7 +24,7 @@ SERVICES = {
     "task": "one insertion task",
     "classifier": "F/T vectors to contact states (ART2)",
     "agent": "contact states to moves (Q-learning, SARSA)",
-    "store": "checkpoints and journal",
+    "store": "checkpoints and journal; store check FILE, store salvage FILE OUT: a damaged file",
     "viewer": "live view in Rerun",
 }
 
@@ -72,9 +72,10 @@ class Command(Protocol):
 def main() -> None:
     """Run the command line; exit with its status."""
     name, words = (sys.argv[1], sys.argv[2:]) if len(sys.argv) > 1 else ("", [])
-    if name in SERVICES:
+    a_file = name == "store" and words[:1] in (["check"], ["salvage"])
+    if name in SERVICES and not a_file:
         os.execv(sys.executable, module_command(f"services.{name}", *words))
-    program = f"treenail {name}" if name in (*COMMANDS, *STUDIES, *TOOLS) else "treenail"
+    program = f"treenail {name}" if a_file or name in (*COMMANDS, *STUDIES, *TOOLS) else "treenail"
     sys.exit(command_line.run(program, lambda: _act(name, words)))
 
 
@@ -82,6 +83,10 @@ def _act(name: str, words: list[str]) -> int | None:
     """Do what a command does; return its exit status."""
     if name in STUDIES or name in TOOLS:
         return _study(name)(words)
+    if name == "store":
+        from treenail.commands import store
+
+        return store.main(words)
     if name in COMMANDS:
         module = _module(name)
         parser = Parser(prog=f"treenail {name}", description=COMMANDS[name])

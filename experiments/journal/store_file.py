@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from services.store.database import Database
-from services.store.sqlite_file import StoreError
+from services.store.sqlite_file import StoreError, what_to_do
 from services.wire.errors import CellError
 from services.wire.keys import ROOT, RUN, Keys, wild
 
@@ -51,7 +51,9 @@ class StoreFile:
         prefix = Keys(cell).of("")
         with _one_line(self.path):
             found = self._database.get(prefix + expression)
-        return [Value(value.key.removeprefix(prefix), value.payload, value.encoding) for value in found]
+        if found.damaged:
+            raise CellError(f"{self.path}: damaged: {', '.join(found.damaged[:5])}; {what_to_do(self.path)}")
+        return [Value(value.key.removeprefix(prefix), value.payload, value.encoding) for value in found.values]
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from services.bus.seat import Seat
 from services.bus.session import come_after
 from services.wire.codec import decode, encode, encoding_of
 from services.wire.errors import NoAnswerError
-from services.wire.messages import Message, Refusal
+from services.wire.messages import Complete, Message, Refusal
 
 M = TypeVar("M", bound=Message)
 
@@ -38,6 +38,32 @@ class Asking(Seat):
         samples = [reply.ok for reply in replies if reply.ok is not None]
         come_after(self.session, samples)
         return sorted(samples, key=lambda sample: str(sample.key_expr))
+
+    def fetch_stored(self, name: str, timeout_s: float = 1.0) -> list[zenoh.Sample]:
+        """Return all that the store has under a key expression, by key; blocks the loop.
+
+        Nothing means that there is nothing. Raises NoAnswerError when the store has not said that this was all.
+        """
+        samples: list[zenoh.Sample] = []
+        told, why = None, "it does not answer"
+        for reply in self.session.get(self.keys.of(f"{name}?complete"), timeout=timeout_s):
+            if reply.ok is not None:
+                samples.append(reply.ok)
+            elif reply.err is not None:
+                payload, encoding = reply.err.payload.to_bytes(), str(reply.err.encoding)
+                if encoding == encoding_of(Complete):
+                    told = decode(Complete, payload, encoding).values
+                elif encoding == encoding_of(Refusal):
+                    why = decode(Refusal, payload, encoding).message
+        come_after(self.session, samples)
+        if told != len(samples):
+            raise NoAnswerError(why)
+        return sorted(samples, key=lambda sample: str(sample.key_expr))
+
+    def stored(self, name: str, kind: type[M], timeout_s: float = 1.0) -> list[M]:
+        """Return all messages that the store has under a key expression. Raises NoAnswerError, ContractError."""
+        samples = self.fetch_stored(name, timeout_s)
+        return [decode(kind, sample.payload.to_bytes(), str(sample.encoding)) for sample in samples]
 
     def asker(self, name: str, kind: type[M], timeout_s: float = 2.0) -> Callable[[Message], M | Refusal | None]:
         """Return a function that asks a key and works on until the answer is here; None when nobody answered."""

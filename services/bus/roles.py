@@ -86,6 +86,13 @@ class Roles:
         if held and not any(sender in holders for holders in held):
             raise StrangerError(f"{sample.key_expr}: expected a message of {' or '.join(roles)}, got one of {sender}")
 
+    def check_holder(self, sample: zenoh.Sample, roles: tuple[str, ...]) -> None:
+        """Raise StrangerError for a message of anybody but who holds one of the roles at this moment."""
+        sender = None if sample.timestamp is None else str(sample.timestamp.get_id())
+        if not any(sender in self._holders.get(role, ()) for role in roles):
+            expected = f"expected a message of who holds the role of {' or '.join(roles)}"
+            raise StrangerError(f"{sample.key_expr}: {expected}, got one of {sender}")
+
     def _earlier(self) -> list[str]:
         return [other for other in self._others() if other < self.instance]
 

@@ -211,6 +211,11 @@ class Service(Asking, Publishing):
 
         self.subscribe_raw(name, take)
 
+    def check_holder(self, sample: zenoh.Sample, roles: tuple[str, ...]) -> None:
+        """Raise StrangerError for a message of anybody but who holds one of the roles at this moment."""
+        if self._roles is not None:
+            self._roles.check_holder(sample, roles)
+
     def subscribe_raw(self, name: str, handler: Callable[[zenoh.Sample], None]) -> None:
         """Hand each sample on a key expression to ``handler``, in the loop."""
         callback: Handler = Callback(lambda sample: self.post(handler, sample), indirect=False)

@@ -27,7 +27,7 @@ from services.bus.inbox import Event, Inbox
 from services.bus.service import Options, Service
 from services.wire.codec import decode, encode, encoding_of
 from services.wire.keys import CLAIM, STORED, name_of
-from services.wire.messages import Message, Refusal
+from services.wire.messages import Complete, Message, Refusal
 
 M = TypeVar("M", bound=Message)
 Answer: TypeAlias = "Message | Callable[[FakeQuery], Message | None] | None"
@@ -181,7 +181,9 @@ class FakeBus:
         name = str(query.key_expr).split("/", 2)[2]
         if any(name.startswith(stored.removesuffix("**")) for stored in STORED):
             found = [FakeReply(sample) for sample in self.stored.values() if query.key_expr.intersects(sample.key_expr)]
-            return found if self.store_answers else []
+            if "complete" in query.parameters:
+                query.reply_err(encode(Complete(values=len(found))), encoding=encoding_of(Complete))
+            return [*found, *query.replies] if self.store_answers else []
         answer = self.answers.get(name)
         if callable(answer):
             answer = answer(query)

@@ -7,7 +7,7 @@ something is missing.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Generic, Protocol, TypeVar
 
 from services.bus.service import Service
@@ -16,6 +16,7 @@ from services.rules.timeline import Timeline
 from services.wire import codec
 from services.wire.errors import ContractError, DivergedError, FoldError, ForeignRunError, GapError, NoAnswerError
 from services.wire.keys import (
+    CHECKPOINT,
     ENTRY,
     EXPERIMENT,
     HEAD,
@@ -153,19 +154,53 @@ class Worker(Generic[F]):
         when what it has cannot be used.
         """
         service, run = self.service, self.experiment.run
-        # Both at once: a store that is just gone must not pass for one that has no episode yet.
-        samples = {str(sample.key_expr): sample for sample in service.fetch_samples(name_of(HEAD, run=run))}
+        samples = {str(sample.key_expr): sample for sample in service.fetch_stored(name_of(HEAD, run=run))}
         if service.keys.run_record(run) not in samples:
-            raise NoAnswerError("no memory of this run")
+            raise NoAnswerError("it has no memory of this run")
         latest = samples.get(service.keys.journal_latest(run))
-        fold = self._blank(self.experiment)
-        self._begin(fold)
-        self._replay_journal(fold, self._restore(fold) // JOURNAL_BLOCK)
+        known = 0
         if latest is not None:
             newest = codec.decode(JournalEpisode, latest.payload.to_bytes(), str(latest.encoding))
             known = newest.first_decision + len(newest.steps)
-            if fold.decisions < known:
-                raise GapError(f"neither checkpoint nor journal has decisions {fold.decisions} to {known - 1}")
+        for checkpoint in self._checkpoints():
+            try:
+                return self._from(checkpoint, known)
+            except FoldError as error:
+                service.complain(
+                    f"checkpoint before episode {checkpoint.episode} is passed over: {error}", topic="checkpoint"
+                )
+        return self._from(None, known)
+
+    def _checkpoints(self) -> Iterator[Checkpoint]:
+        """Give this run's checkpoints, the newest first. Raises like ``_remember``."""
+        service, run = self.service, self.experiment.run
+        latest = service.stored(name_of(NEWEST_CHECKPOINT, run=run, service=service.name), Checkpoint)
+        yield from latest
+        # Only when that could not be gone on with is it worth to ask for those before it.
+        numbered = service.stored(name_of(CHECKPOINT, run=run, service=service.name), Checkpoint, 10.0)
+        yield from (checkpoint for checkpoint in reversed(numbered) if checkpoint not in latest)
+
+    def _from(self, checkpoint: Checkpoint | None, known: int) -> F:
+        """Return the memory that comes of a checkpoint, or of nothing, and the journal after it.
+
+        ``known`` decisions are in the journal. Raises FoldError, and like ``_remember``.
+        """
+        service, run = self.service, self.experiment.run
+        fold = self._blank(self.experiment)
+        self._begin(fold)
+        self._checkpointed = 0
+        if checkpoint is not None:
+            if (checkpoint.run, checkpoint.service) != (run, service.name):
+                raise DivergedError(f"expected {service.name} of run {run}, got {checkpoint.service}")
+            try:
+                fold.restore(checkpoint.snapshot)
+            except ValueError as error:
+                raise DivergedError(str(error)) from error
+            self._checkpointed = checkpoint.episode
+        self._replay_journal(fold, self._checkpointed // JOURNAL_BLOCK)
+        if fold.decisions < known:
+            lacking = f"neither checkpoint nor journal has decisions {fold.decisions} to {known - 1} of run {run}"
+            raise GapError(f"{lacking}; `treenail store check FILE` says what of the store's file is there")
         return fold
 
     def _begin(self, fold: F) -> None:
@@ -173,7 +208,7 @@ class Worker(Generic[F]):
         sha256 = self.experiment.skill_sha256
         if sha256 is None:
             return
-        samples = self.service.fetch_samples(name_of(SKILL, sha256=sha256), 10.0)
+        samples = self.service.fetch_stored(name_of(SKILL, sha256=sha256), 10.0)
         if not samples:
             raise NoAnswerError(f"expected skill {sha256[:12]} in the store, got none")
         found = decode(samples[0].payload.to_bytes(), str(samples[0].encoding))
@@ -184,27 +219,10 @@ class Worker(Generic[F]):
         except ValueError as error:
             raise DivergedError(f"skill {sha256[:12]}: {error}") from error
 
-    def _restore(self, fold: F) -> int:
-        """Restore the newest checkpoint and return the episode that it stands before; 0 when there is none."""
-        service, run = self.service, self.experiment.run
-        found = service.fetch_all(name_of(NEWEST_CHECKPOINT, run=run, service=service.name), Checkpoint)
-        if not found:
-            self._checkpointed = 0
-            return 0
-        checkpoint = found[0]
-        if (checkpoint.run, checkpoint.service) != (run, service.name):
-            raise DivergedError(f"checkpoint: expected {service.name} of run {run}, got {checkpoint.service}")
-        try:
-            fold.restore(checkpoint.snapshot)
-        except ValueError as error:
-            raise DivergedError(f"checkpoint before episode {checkpoint.episode}: {error}") from error
-        self._checkpointed = checkpoint.episode
-        return checkpoint.episode
-
     def _replay_journal(self, fold: F, block: int) -> None:
         """Fold all that the journal has from a block on."""
         run = self.experiment.run
-        while entries := self.service.fetch_all(name_of(ENTRY, run=run, block=block), JournalEpisode, 10.0):
+        while entries := self.service.stored(name_of(ENTRY, run=run, block=block), JournalEpisode, 10.0):
             for entry in entries:
                 fold.replay(entry)
             block += 1

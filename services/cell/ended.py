@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, TypeVar
 
 from services.cell.client import Client
@@ -12,6 +12,7 @@ from services.wire.definition import Definition
 from services.wire.errors import CellError, ContractError
 from services.wire.keys import CLASSIFIER_STATES, ENTRY, Q_TABLE, name_of
 from services.wire.messages import ClassifierStates, EpisodeSummary, JournalEpisode, QTable, Swap
+from services.wire.text import spans
 
 T = TypeVar("T")
 
@@ -52,9 +53,20 @@ def finished_episodes(client: Client, run: str) -> tuple[EpisodeSummary, ...]:
     """
     entries = client.ask_all(name_of(ENTRY, run=run), JournalEpisode, timeout_s=30.0)
     summaries = tuple(entry.summary for entry in entries if entry.summary is not None)
-    if [summary.episode for summary in summaries] != list(range(len(summaries))):
-        raise CellError(f"journal: expected episodes from 0 on without a gap, got {len(summaries)} episodes with gaps")
+    numbers = [summary.episode for summary in summaries]
+    _check_gaps(run, numbers, max(numbers, default=-1) + 1)
     return summaries
+
+
+def _check_gaps(run: str, numbers: Sequence[int], count: int) -> None:
+    """Raise CellError unless these are the numbers of all episodes of a run of so many."""
+    lacking, beyond = set(range(count)) - set(numbers), set(numbers) - set(range(count))
+    if lacking or beyond:
+        got = f"without {spans(lacking)}" if lacking else f"and {spans(beyond)}"
+        what_now = (
+            "stop the cell, let `treenail store salvage FILE OUT` cut the run off before the gap, and go on with OUT"
+        )
+        raise CellError(f"journal of run {run}: expected episodes 0 to {count - 1}, got them {got}; {what_now}")
 
 
 def _once_settled(attempt: Callable[[], T], mind: Callable[[], None]) -> T:
@@ -73,8 +85,7 @@ def _once_settled(attempt: Callable[[], T], mind: Callable[[], None]) -> T:
 def _episodes(client: Client, run: str, count: int) -> tuple[EpisodeSummary, ...]:
     """Return the summaries of all episodes, checked to be complete."""
     summaries = finished_episodes(client, run)
-    if len(summaries) != count:
-        raise CellError(f"journal: expected episodes 0 to {count - 1} without a gap, got {len(summaries)} episodes")
+    _check_gaps(run, [summary.episode for summary in summaries], count)
     return summaries
 
 

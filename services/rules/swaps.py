@@ -18,10 +18,9 @@ from services.wire.definition import TD_LEARNERS, ClassifierSettings, Definition
 from services.wire.definition_file import changed
 from services.wire.definition_rules import contradiction
 from services.wire.errors import SwapError
+from services.wire.message_base import MOST_SWAPS
 from services.wire.messages import Swap, SwapRequest
 
-MOST = 64
-"""Swaps of one run."""
 LARGEST_BYTES = 8192
 """Of one swap: all of a run fit into one message."""
 BUILT_IN = {"classifier": ("art2",), "learner": tuple(TD_LEARNERS)}
@@ -87,8 +86,8 @@ def made(definition: Definition, swaps: Sequence[Swap], request: SwapRequest, ep
     after = in_force(before, (asked,))
     if before == after:
         raise SwapError("swap: expected something that changes, got what is in force already")
-    if len(swaps) >= MOST:
-        raise SwapError(f"swap: expected at most {MOST} in a run, got one more")
+    if len(swaps) >= MOST_SWAPS:
+        raise SwapError(f"swap: expected at most {MOST_SWAPS} in a run, got one more")
     if swaps and episode < swaps[-1].episode:
         raise SwapError(f"swap: expected episode {swaps[-1].episode} or later, as a swap is set for it, got {episode}")
     if len(msgspec.json.encode(asked)) > LARGEST_BYTES:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from services.bus import command
 from services.store.retention import RetentionSettings
-from services.store.service import serve
+from services.store.service import MAX_BYTES, serve
 
 
 def main() -> None:
@@ -17,7 +17,7 @@ def main() -> None:
     parser.add_argument("--keep-checkpoints", type=int, default=keep.checkpoints, help="newest checkpoints per worker")
     parser.add_argument("--keep-episodes", type=int, default=keep.journal_episodes, help="journal episodes per run")
     parser.add_argument("--keep-runs", type=int, default=keep.runs, help="newest runs")
-    parser.add_argument("--max-bytes", type=int, help="largest size of the file (default: what the disk holds)")
+    parser.add_argument("--max-bytes", type=int, default=MAX_BYTES, help=f"largest size of the file ({MAX_BYTES})")
     arguments = parser.parse_args()
     try:
         retention = RetentionSettings(arguments.keep_checkpoints, arguments.keep_episodes, arguments.keep_runs)

@@ -16,7 +16,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 APPLICATION_ID = 0x54524E4C
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 PAGE_BYTES = 4096
 RESERVED_PAGES = 64
 SMALLEST_LIMIT_BYTES = 1 << 20
@@ -25,17 +25,19 @@ _MOST_PAGES = 1_073_741_823
 _LOG_BYTES_KEPT = 8 << 20
 _SCHEMA = f"""
 CREATE TABLE payload (id INTEGER PRIMARY KEY, data BLOB NOT NULL);
-CREATE TABLE entry (key TEXT PRIMARY KEY, timestamp TEXT NOT NULL, born TEXT NOT NULL, encoding TEXT NOT NULL,
-    size INTEGER NOT NULL, payload INTEGER NOT NULL) WITHOUT ROWID;
+CREATE TABLE entry (key TEXT PRIMARY KEY, timestamp TEXT NOT NULL, encoding TEXT NOT NULL, size INTEGER NOT NULL,
+    sha256 BLOB NOT NULL, payload INTEGER NOT NULL) WITHOUT ROWID;
 CREATE TRIGGER entry_gone AFTER DELETE ON entry BEGIN DELETE FROM payload WHERE id = OLD.payload; END;
 CREATE TABLE tombstone (key TEXT PRIMARY KEY, timestamp TEXT NOT NULL) WITHOUT ROWID;
 CREATE INDEX tombstone_age ON tombstone (timestamp, key);
-CREATE TABLE wildcard (expression TEXT NOT NULL, timestamp TEXT NOT NULL, encoding TEXT, data BLOB,
-    is_put INTEGER NOT NULL, PRIMARY KEY (expression, is_put));
-CREATE INDEX wildcard_age ON wildcard (timestamp, expression, is_put);
 PRAGMA application_id = {APPLICATION_ID};
 PRAGMA user_version = {SCHEMA_VERSION};
 """
+
+
+def what_to_do(path: Path) -> str:
+    """Return what can be done about a damaged file."""
+    return f"`treenail store check {path}` says what is damaged, `treenail store salvage {path} OUT` saves the rest"
 
 
 class StoreError(Exception):
@@ -82,7 +84,8 @@ def _check_header(path: Path) -> None:
     if application != APPLICATION_ID:
         raise StoreFileError(f"{path}: expected application id {APPLICATION_ID:#x}, got {application:#x}")
     if version != SCHEMA_VERSION:
-        raise StoreFileError(f"{path}: expected store schema version {SCHEMA_VERSION}, got {version}")
+        hint = "use the version of Treenail that wrote it, or begin with another file"
+        raise StoreFileError(f"{path}: expected store schema version {SCHEMA_VERSION}, got {version}; {hint}")
 
 
 class SqliteFile:
@@ -101,6 +104,7 @@ class SqliteFile:
             try:
                 with self.translated_errors():
                     self._prepare()
+                    self._opened = self._identity()
             except BaseException:
                 self.connection.close()
                 raise
@@ -119,6 +123,22 @@ class SqliteFile:
         """Return the size of the file and its log."""
         files = (self._path, self._path.with_name(self._path.name + "-wal"))
         return sum(file.stat().st_size for file in files if file.exists())
+
+    def missing(self) -> bool:
+        """Return whether the file was deleted, moved or replaced since it was opened."""
+        try:
+            return self._identity() != self._opened
+        except OSError:
+            return True
+
+    def copy_to(self, path: Path) -> None:
+        """Write what the open file holds into another one, which must not exist."""
+        with self.translated_errors():
+            self.connection.execute("VACUUM INTO ?", (str(path),))
+
+    def _identity(self) -> tuple[int, int]:
+        now = self._path.stat()
+        return now.st_dev, now.st_ino
 
     @contextmanager
     def transaction(self, *, growing: bool) -> Iterator[None]:
@@ -147,7 +167,9 @@ class SqliteFile:
                 raise StoreFullError(f"{self._path}: expected room for the batch, got {error}") from error
             if code == sqlite3.SQLITE_BUSY:
                 raise StoreBusyError(f"{self._path}: expected to be its only user, got {error}") from error
-            raise StoreFileError(f"{self._path}: expected a sound file, got {error}") from error
+            raise StoreFileError(
+                f"{self._path}: expected a sound file, got {error}; {what_to_do(self._path)}"
+            ) from error
 
     def _prepare(self) -> None:
         # Exclusive before the first read: then the log needs no shared memory, and other programs are kept out.
@@ -169,7 +191,8 @@ class SqliteFile:
         else:
             found = self.connection.execute("PRAGMA quick_check(1)").fetchone()[0]
             if found != "ok":
-                raise StoreFileError(f"{self._path}: expected an undamaged file, got {found}")
+                got = " ".join(found.split())
+                raise StoreFileError(f"{self._path}: expected an undamaged file, got {got}; {what_to_do(self._path)}")
         mode = self.connection.execute("PRAGMA journal_mode = WAL").fetchone()[0]
         if mode != "wal":
             raise StoreFileError(f"{self._path}: expected a file system that can hold a log, got journal mode {mode}")

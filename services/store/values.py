@@ -33,10 +33,10 @@ class StoredKey(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Put:
-    """A value for a key, or, if ``key`` has wildcards, for every stored key that it intersects.
+    """A value for a key.
 
-    ``key`` is a canonical key expression, ``timestamp`` in the form of ``timestamp_text``, ``payload`` at most 256 MiB;
-    ValueError otherwise, so that one bad message cannot spoil the batch that it would be in.
+    ``key`` is a canonical key without wildcards, ``timestamp`` in the form of ``timestamp_text``, ``payload`` at most
+    256 MiB; ValueError otherwise, so that one bad message cannot spoil the batch that it would be in.
     """
 
     key: str
@@ -54,7 +54,7 @@ class Put:
 
 @dataclass(frozen=True, slots=True)
 class Delete:
-    """Removal of a key, or of every stored key that ``key`` intersects. Fields are checked as in ``Put``."""
+    """Removal of a key. Fields are checked as in ``Put``."""
 
     key: str
     timestamp: str
@@ -125,4 +125,6 @@ def _check_operation(key: str, timestamp: str) -> None:
         KeyExpr(key)
     except ZError as error:
         raise ValueError(f"key: expected a canonical key expression, got {key!r}: {error}") from error
+    if "*" in key:
+        raise ValueError(f"key: expected one key, got {key!r}: a wildcard would reach what belongs to others")
     _check_timestamp(timestamp)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from services.bus.service import Service
 from services.rules.skill import NamedSkill
 from services.task.insertion import Insertion
@@ -9,6 +11,7 @@ from services.task.journal import Journal, put_and_confirm, read
 from services.task.swaps import Swaps
 from services.wire.definition import Definition
 from services.wire.definition_file import definition_sha256, run_id
+from services.wire.errors import NoAnswerError
 from services.wire.keys import SKILL, name_of
 from services.wire.messages import Experiment, Home, JournalEpisode, Reward, RunRecord, Skill
 
@@ -98,8 +101,9 @@ class TaskRun:
         if self.skill is None:
             return True
         name = name_of(SKILL, sha256=self.skill.sha256)
-        if read(self._service, name, Skill) == self.skill.skill:
-            return True
+        with suppress(NoAnswerError):
+            if read(self._service, name, Skill) == self.skill.skill:
+                return True
         puts = ((self._service.keys.skill(self.skill.sha256), self.skill.skill),)
         return put_and_confirm(self._service, puts, name)
 

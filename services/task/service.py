@@ -100,7 +100,7 @@ class TaskShell:
         """Run what is left, then serve queries until stopped; when the store's skill changes, the run is another."""
         service = self._service
         while not service.stopping:
-            chosen = self._skills.between_episodes(self._now.skill, self._now.journal)
+            chosen = self._skills.between_episodes(self._now.skill)
             if chosen is not None:
                 following = TaskRun(service, self._definition, self._seed, chosen.skill)
                 if not self._take_up(following):

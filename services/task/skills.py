@@ -1,7 +1,6 @@
 """Which skill the task's run begins with: the one that the store's ``checkpoint/skill/latest`` holds, if it fits.
 
-It is asked for at the start and between episodes. A store that is gone answers with nothing too, so that nothing is
-believed only when the store gives back something that it surely has, before and after.
+It is asked for at the start and between episodes. Nothing is believed only when the store says that it has nothing.
 """
 
 from __future__ import annotations
@@ -14,10 +13,10 @@ import zenoh
 from services.bus.service import Service
 from services.rules import skill
 from services.rules.skill import NamedSkill, SkillError
-from services.task.journal import RETRY_S, Journal
+from services.task.journal import wait_for_store
 from services.wire.codec import decode
 from services.wire.definition import Definition
-from services.wire.errors import ContractError
+from services.wire.errors import ContractError, NoAnswerError
 from services.wire.keys import CHOSEN_SKILL, RUN, SKILL, name_of, wild
 from services.wire.messages import RunRecord
 
@@ -32,7 +31,7 @@ class _Look(NamedTuple):
     """What the store has as ``latest``."""
 
     sha256: str | None
-    """Hash of the bytes there; None when nothing is, or nobody answered."""
+    """Hash of the bytes there; None when nothing is."""
     skill: NamedSkill | None
     """None also when what is there cannot be begun with."""
 
@@ -57,39 +56,38 @@ class Skills:
         ``blank`` is the run that begins with nothing. Where the skill that shall be begun with does not fit, it is the
         same as before: that of the run of this definition and seed which was worked on last.
         """
-        service, journal = self._service, Journal(self._service, blank)
+        service = self._service
         while not service.stopping:
-            look = self._look()
-            if look.skill is not None:
-                return Chosen(look.skill)
-            if look.sha256 is not None:
+            try:
+                look = self._look()
+                if look.sha256 is None or look.skill is not None:
+                    return Chosen(look.skill)
                 chosen = self._as_before(blank)
                 if chosen is not None:
                     return chosen
-                service.phase = "waiting for store (no skill of the run that was worked on last)"
-                service.complain(service.phase)
-                service.work_until(lambda: False, RETRY_S)
-            elif journal.make_known() and self._look() == _NOTHING and journal.known():
-                return Chosen(None)
+                wait_for_store(service, "no skill of the run that was worked on last")
+            except NoAnswerError as error:
+                wait_for_store(service, str(error))
         return None
 
-    def between_episodes(self, present: NamedSkill | None, journal: Journal) -> Chosen | None:
+    def between_episodes(self, present: NamedSkill | None) -> Chosen | None:
         """Return what to begin with from now on, or None for no change; never waits.
 
-        ``present`` is what the present run began with, ``journal`` its journal.
+        ``present`` is what the present run began with.
         """
         self.noticed = False
-        look = self._look()
-        if look.skill is not None:
-            unchanged = present is not None and present.sha256 == look.sha256
-            return None if unchanged else Chosen(look.skill)
-        if present is None or look.sha256 is not None:
+        try:
+            look = self._look()
+        except NoAnswerError:
             return None
-        surely = journal.known() and self._look() == _NOTHING and journal.known()
-        return Chosen(None) if surely else None
+        if look.sha256 is not None and look.skill is None:
+            return None
+        unchanged = (None if present is None else present.sha256) == look.sha256
+        return None if unchanged else Chosen(look.skill)
 
     def _look(self) -> _Look:
-        samples = self._service.fetch_samples(CHOSEN_SKILL)
+        """Return what the store has. Raises NoAnswerError."""
+        samples = self._service.fetch_stored(CHOSEN_SKILL)
         if not samples:
             self._last = _NOTHING
             return _NOTHING
@@ -110,9 +108,12 @@ class Skills:
         return found
 
     def _as_before(self, blank: RunRecord) -> Chosen | None:
-        """Return what the run that was worked on last began with; None when the store does not say."""
+        """Return what the run that was worked on last began with; None when the store does not have it any more.
+
+        Raises NoAnswerError.
+        """
         records: list[tuple[int, RunRecord]] = []
-        for sample in self._service.fetch_samples(wild(RUN), 10.0):
+        for sample in self._service.fetch_stored(wild(RUN), 10.0):
             try:
                 record = decode(RunRecord, sample.payload.to_bytes(), str(sample.encoding))
             except ContractError:
@@ -120,14 +121,12 @@ class Skills:
             same = (record.definition_sha256, record.seed, record.contract_sha256)
             if same == (blank.definition_sha256, blank.seed, blank.contract_sha256) and sample.timestamp is not None:
                 records.append((int(str(sample.timestamp.get_time_as_ntp64())), record))
-        if self._look() == _NOTHING:
-            return None
         # The record is put whenever a run is taken up, so that the newest is that of the last one.
         newest = max(records, key=lambda item: item[0], default=None)
         sha256 = None if newest is None else newest[1].skill_sha256
         if sha256 is None:
             return Chosen(None)
-        stored = self._service.fetch_samples(name_of(SKILL, sha256=sha256), 10.0)
+        stored = self._service.fetch_stored(name_of(SKILL, sha256=sha256), 10.0)
         found = self._usable(stored[0].payload.to_bytes(), str(stored[0].encoding)) if stored else None
         return None if found is None else Chosen(found)
 

@@ -9,9 +9,9 @@ from __future__ import annotations
 from services.bus.service import Service
 from services.rules.plugins import PluginError
 from services.rules.swaps import check_episode, made, words
-from services.task.journal import RETRY_S, read
+from services.task.journal import read, wait_for_store
 from services.wire import messages
-from services.wire.errors import CellError, SwapError
+from services.wire.errors import CellError, NoAnswerError, SwapError
 from services.wire.keys import SWAPS, name_of
 from services.wire.messages import RunRecord, Swap, Swapped, SwapRequest
 
@@ -81,9 +81,7 @@ class Swaps:
         while self.confirmed != self._all and not self._confirm():
             if service.stopping:
                 return False
-            service.phase = "waiting for store (it does not confirm a swap)"
-            service.complain(service.phase)
-            service.work_until(lambda: False, RETRY_S)
+            wait_for_store(service, "it does not confirm a swap")
         return True
 
     def _add(self, request: SwapRequest, first: int, episodes: int) -> None:
@@ -110,7 +108,10 @@ class Swaps:
         """Give the store all swaps, and return whether it gives them back at once."""
         wanted = self._message(self._all)
         self._service.put(self._key, wanted)
-        if read(self._service, self._name, messages.Swaps) != wanted:
+        try:
+            if read(self._service, self._name, messages.Swaps) != wanted:
+                return False
+        except NoAnswerError:
             return False
         self._note(wanted.swaps)
         return True

@@ -15,6 +15,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
+from services.wire.message_base import LONGEST_EPISODE, LONGEST_RUN
+
 Positive = Annotated[float, Meta(gt=0, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0, le=1e6)]
 Finite = Annotated[float, Meta(ge=-1e6, le=1e6)]
@@ -138,7 +140,7 @@ class Limits(_Checked, frozen=True, kw_only=True):
     """Part of the peg's height that must be below the mouth (conference paper 2)."""
     no_progress_moves: Annotated[int, Meta(ge=0, le=100000)] = 0
     """An episode ends after more than this many moves in a row without one in +Z; 0 switches the rule off."""
-    move_limit: Annotated[int, Meta(ge=10, le=100000)] = 1000
+    move_limit: Annotated[int, Meta(ge=10, le=LONGEST_EPISODE)] = 1000
     """An episode ends after this many moves, whatever happened; not in the thesis, only a safety net."""
     truncation: Literal["untaught", "terminal"] = "untaught"
     """What an episode cut by ``move_limit`` teaches by its last decision: nothing, or that all ends there."""
@@ -262,7 +264,7 @@ class Definition(_Checked, frozen=True, kw_only=True):
     title: Annotated[str, Meta(max_length=200)] = ""
     source: Annotated[str, Meta(max_length=500)] = ""
     """Where the settings come from: thesis section, paper."""
-    episodes: Annotated[int, Meta(ge=1, le=1000000)] = 2000
+    episodes: Annotated[int, Meta(ge=1, le=LONGEST_RUN)] = 2000
     """How long a run is unless the command line says otherwise."""
     parts: Parts = Parts()
     contact: Contact = Contact()

@@ -20,6 +20,7 @@ import msgspec
 from services.wire.definition import Definition
 from services.wire.definition_rules import contradiction
 from services.wire.errors import DefinitionError, TreenailError
+from services.wire.message_base import LONGEST_RUN
 from services.wire.randomness import MAX_SEED
 from services.wire.text import decode, in_words, one_line
 
@@ -129,8 +130,8 @@ def check_run(seed: int, episodes: int) -> None:
     """Raise TreenailError for a seed or a length that no run can have."""
     if not 0 <= seed <= MAX_SEED:
         raise TreenailError(f"--seed: expected 0 to {MAX_SEED}, got {seed}")
-    if episodes < 1:
-        raise TreenailError(f"--episodes: expected 1 or more, got {episodes}")
+    if not 1 <= episodes <= LONGEST_RUN:
+        raise TreenailError(f"--episodes: expected 1 to {LONGEST_RUN}, got {episodes}")
 
 
 def run_id(definition: Definition, seed: int, skill_sha256: str | None = None) -> str:

@@ -6,7 +6,30 @@ from typing import Annotated, ClassVar, Literal
 
 from msgspec import Meta, Struct
 
-Count = Annotated[int, Meta(ge=0, le=2**62)]
+LONGEST_RUN = 1_000_000
+"""Episodes. The simulator's clock has room for 1.7 million of the longest, keys for a hundred million."""
+LONGEST_EPISODE = 100_000
+"""Motions."""
+MOST_STATES = 1_000_000
+MOST_SWAPS = 64
+"""Of one run."""
+Count = Annotated[int, Meta(ge=0, le=2**53)]
+"""Whatever is counted: every language and every file format has room for it."""
+Nanoseconds = Annotated[int, Meta(ge=0, le=2**62)]
+Episode = Annotated[int, Meta(ge=0, le=LONGEST_RUN - 1)]
+"""Number of an episode, from 0."""
+Episodes = Annotated[int, Meta(ge=0, le=LONGEST_RUN)]
+"""How many there are."""
+Step = Annotated[int, Meta(ge=0, le=LONGEST_EPISODE)]
+"""Motions made in an episode."""
+Decision = Annotated[int, Meta(ge=0, le=LONGEST_RUN * LONGEST_EPISODE)]
+"""Decisions taken in a run."""
+StateNumber = Annotated[int, Meta(ge=0, le=MOST_STATES - 1)]
+"""Number of a contact state, from 0."""
+States = Annotated[int, Meta(ge=0, le=MOST_STATES)]
+"""How many there are."""
+SwapCount = Annotated[int, Meta(ge=0, le=MOST_SWAPS)]
+Seed = Annotated[int, Meta(ge=0, le=2**63 - 1)]
 RunId = Annotated[str, Meta(pattern=r"^[0-9a-z][0-9a-z-]{0,79}\Z")]
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}\Z")]
 ServiceName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]{0,31}\Z")]

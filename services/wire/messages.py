@@ -16,19 +16,29 @@ from typing import Annotated, ClassVar
 from msgspec import Meta, Struct
 
 from services.wire.definition import Definition
+from services.wire.message_base import MOST_SWAPS
 from services.wire.message_base import Count as Count
+from services.wire.message_base import Decision as Decision
 from services.wire.message_base import Degree as Degree
+from services.wire.message_base import Episode as Episode
+from services.wire.message_base import Episodes as Episodes
 from services.wire.message_base import Force as Force
 from services.wire.message_base import Message as Message
 from services.wire.message_base import Millimetre as Millimetre
+from services.wire.message_base import Nanoseconds as Nanoseconds
 from services.wire.message_base import Newton as Newton
 from services.wire.message_base import NewtonMetre as NewtonMetre
 from services.wire.message_base import Number as Number
 from services.wire.message_base import Outcome as Outcome
 from services.wire.message_base import Reason as Reason
 from services.wire.message_base import RunId as RunId
+from services.wire.message_base import Seed as Seed
 from services.wire.message_base import ServiceName as ServiceName
 from services.wire.message_base import Sha256 as Sha256
+from services.wire.message_base import StateNumber as StateNumber
+from services.wire.message_base import States as States
+from services.wire.message_base import Step as Step
+from services.wire.message_base import SwapCount as SwapCount
 from services.wire.message_base import Torque as Torque
 from services.wire.robot_messages import Home as Home
 from services.wire.robot_messages import Move as Move
@@ -47,10 +57,10 @@ class LoopMessage(Message, frozen=True, kw_only=True):
     VERSION: ClassVar[int] = 2
 
     run: RunId
-    episode: Count
-    step: Count
-    decision: Count
-    swaps: Count = 0
+    episode: Episode
+    step: Step
+    decision: Decision
+    swaps: SwapCount = 0
     """Swaps in force in this episode: a worker that knows of fewer sees at once that it missed one."""
 
 
@@ -59,9 +69,9 @@ class FtPacket(Message, frozen=True, kw_only=True):
 
     sequence: Count
     """Number of the newest sample; a jump larger than the packet means that samples were lost."""
-    t_ns: Count
+    t_ns: Nanoseconds
     """When the newest sample was taken."""
-    period_ns: Count = 0
+    period_ns: Annotated[int, Meta(ge=0, le=10**10)] = 0
     """Time between samples, 0 for a single one."""
     status: Annotated[int, Meta(ge=0, le=0xFFFF)] = 0
     """0 is good. Bit 0 saturated, 1 near saturation, 2 sensor lost, 3 sensor changed, 4 not yet zeroed."""
@@ -79,8 +89,8 @@ class Truth(Message, frozen=True, kw_only=True):
     """
 
     run: RunId
-    episode: Count
-    step: Count
+    episode: Episode
+    step: Step
     flange: PoseNumbers
     peg: PoseNumbers
     contact: Annotated[str, Meta(max_length=200)]
@@ -96,6 +106,16 @@ class Refusal(Message, frozen=True, kw_only=True):
     message: Annotated[str, Meta(max_length=1000)]
 
 
+class Complete(Message, frozen=True, kw_only=True):
+    """Error reply of the store to a question with ``?complete``, after all values: so many there were.
+
+    Without it, a store that is not there could not be told from one that has nothing, nor a part from all. It is an
+    error reply because Zenoh takes good ones for keys only that were asked for.
+    """
+
+    values: Count
+
+
 class Observation(LoopMessage, frozen=True, kw_only=True):
     """One F/T sample, felt in contact, to be classified."""
 
@@ -106,8 +126,8 @@ class Observation(LoopMessage, frozen=True, kw_only=True):
 class State(LoopMessage, frozen=True, kw_only=True):
     """The contact state of an observation."""
 
-    state: Count
-    states: Count
+    state: StateNumber
+    states: States
     """Number of classes after this observation."""
     match: Annotated[float, Meta(ge=-1, le=1.000001)]
 
@@ -115,7 +135,7 @@ class State(LoopMessage, frozen=True, kw_only=True):
 class Action(LoopMessage, frozen=True, kw_only=True):
     """The agent's decision; ``action`` indexes the experiment's action set, ``state`` is the state it was taken in."""
 
-    state: Count
+    state: StateNumber
     action: Annotated[int, Meta(ge=0, le=63)]
     policy_version: Count
     """Number of decisions behind this one that were learnt from, or that a swap or the move limit made worthless."""
@@ -132,15 +152,15 @@ class EpisodeSummary(Message, frozen=True, kw_only=True):
     """One finished episode. Force and torque are means and peaks of the magnitudes after each motion."""
 
     run: RunId
-    episode: Count
+    episode: Episode
     episode_return: Number
-    moves: Count
-    decisions: Count
+    moves: Step
+    decisions: Decision
     mean_force_n: Annotated[float, Meta(ge=0, le=1e6)]
     peak_force_n: Annotated[float, Meta(ge=0, le=1e6)]
     mean_torque_nm: Annotated[float, Meta(ge=0, le=1e6)]
     peak_torque_nm: Annotated[float, Meta(ge=0, le=1e6)]
-    states: Count
+    states: States
     """Contact states known when the episode ended, as far as the task has seen them."""
     outcome: Outcome
 
@@ -152,20 +172,20 @@ class Experiment(Message, frozen=True, kw_only=True):
     LARGEST_BYTES: ClassVar[int] = 1 << 20
 
     run: RunId
-    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
+    seed: Seed
     definition: Definition
     definition_sha256: Sha256
     skill_sha256: Sha256 | None
     """The skill that the workers started from; None for a run that began with nothing learnt."""
     first_policy_version: Count
     """Learning updates in that skill: the policy version that the run began with."""
-    episodes: Count
+    episodes: Episodes
     """Length of the run."""
-    episodes_done: Count
-    decisions: Count
+    episodes_done: Episodes
+    decisions: Decision
     phase: Annotated[str, Meta(max_length=200)]
     """"running", "finished" or "waiting for ..."."""
-    swaps: Annotated[tuple[Swap, ...], Meta(max_length=64)] = ()
+    swaps: Annotated[tuple[Swap, ...], Meta(max_length=MOST_SWAPS)] = ()
     """Those in force and those set for episodes to come; the definition is the one that the run began with."""
 
 
@@ -175,7 +195,7 @@ class QTable(Message, frozen=True, kw_only=True):
     LARGEST_BYTES: ClassVar[int] = 1 << 22
 
     run: RunId
-    decisions: Count
+    decisions: Decision
     policy_version: Count
     actions: tuple[str, ...]
     q: tuple[tuple[Number, ...], ...]
@@ -191,7 +211,7 @@ class PolicyAnswer(Message, frozen=True, kw_only=True):
 
     run: RunId
     policy_version: Count
-    state: Count | None
+    state: StateNumber | None
     """None when an F/T vector fits no contact state known so far."""
     match: Annotated[float, Meta(ge=-1, le=1.000001)] | None
     """How well the F/T vector fits; None when a state was asked for."""
@@ -210,8 +230,8 @@ class ClassifierStates(Message, frozen=True, kw_only=True):
     LARGEST_BYTES: ClassVar[int] = 1 << 22
 
     run: RunId
-    decisions: Count
-    states: Count
+    decisions: Decision
+    states: States
     encoding: str
     prototypes: tuple[tuple[Number, ...], ...]
     counts: tuple[Count, ...]
@@ -222,9 +242,9 @@ class Classified(Message, frozen=True, kw_only=True):
     """Reply to ``classifier/classify``: the contact state of one F/T vector; nothing is learnt from it."""
 
     run: RunId
-    decisions: Count
-    states: Count
-    state: Count | None
+    decisions: Decision
+    states: States
+    state: StateNumber | None
     """None when it fits no state known so far."""
     match: Annotated[float, Meta(ge=-1, le=1.000001)]
 
@@ -236,7 +256,7 @@ class RunRecord(Message, frozen=True, kw_only=True):
     LARGEST_BYTES: ClassVar[int] = 1 << 20
 
     run: RunId
-    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
+    seed: Seed
     definition: Definition
     definition_sha256: Sha256
     skill_sha256: Sha256 | None
@@ -246,10 +266,10 @@ class RunRecord(Message, frozen=True, kw_only=True):
 class JournalStep(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """One decision in the journal; the last of an unfinished episode may lack action and reward."""
 
-    step: Count
+    step: Step
     force_n: Force
     torque_nm: Torque
-    state: Count | None = None
+    state: StateNumber | None = None
     action: Annotated[int, Meta(ge=0, le=63)] | None = None
     policy_version: Count | None = None
     reward: Number | None = None
@@ -262,12 +282,12 @@ class JournalEpisode(Message, frozen=True, kw_only=True):
     LARGEST_BYTES: ClassVar[int] = 1 << 24
 
     run: RunId
-    episode: Count
-    first_decision: Count
+    episode: Episode
+    first_decision: Decision
     steps: tuple[JournalStep, ...]
     summary: EpisodeSummary | None
     """None while the episode is under way."""
-    swaps: Count = 0
+    swaps: SwapCount = 0
     """Swaps in force in this episode."""
 
 
@@ -278,8 +298,8 @@ class Checkpoint(Message, frozen=True, kw_only=True):
 
     run: RunId
     service: ServiceName
-    episode: Count
-    decisions: Count
+    episode: Episode
+    decisions: Decision
     contract_sha256: Sha256
     snapshot: dict[str, bytes | int]
 
@@ -295,7 +315,7 @@ class Skill(Message, frozen=True, kw_only=True):
 
     run: RunId
     """Where it was learnt."""
-    seed: Annotated[int, Meta(ge=0, le=2**63 - 1)]
+    seed: Seed
     definition: Definition
     definition_sha256: Sha256
     contract_sha256: Sha256
@@ -308,7 +328,7 @@ class Skill(Message, frozen=True, kw_only=True):
     """Memory of the learner."""
     classifier: dict[str, bytes | int]
     """Memory of the classifier."""
-    swaps: Annotated[tuple[Swap, ...], Meta(max_length=64)] = ()
+    swaps: Annotated[tuple[Swap, ...], Meta(max_length=MOST_SWAPS)] = ()
     """Those that were in force when it was taken: with them the definition says what learnt it."""
 
 
@@ -321,7 +341,7 @@ class Alive(Message, frozen=True, kw_only=True):
     pid: Count
     version: Annotated[str, Meta(max_length=64)]
     contract_sha256: Sha256
-    started_t_ns: Count
+    started_t_ns: Nanoseconds
     beat: Count
     """Heartbeats so far; one that stands still with its liveliness token present is a hung process."""
     handled: Count
@@ -341,6 +361,7 @@ MESSAGES: tuple[type[Message], ...] = (
     Stop,
     Truth,
     Refusal,
+    Complete,
     Observation,
     State,
     Action,

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta, Struct
 
 from services.wire.definition import ClassifierSettings, LearnerSettings, Policy
-from services.wire.message_base import Message, RequestId, RunId
+from services.wire.message_base import LONGEST_RUN, MOST_SWAPS, Message, RequestId, RunId
 
 
 class Swap(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -15,7 +15,7 @@ class Swap(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
 
     request: RequestId
     """Name of the request for it: asked for again, it is not done again."""
-    episode: Annotated[int, Meta(ge=1, le=2**62)]
+    episode: Annotated[int, Meta(ge=1, le=LONGEST_RUN - 1)]
     """The first episode that it is in force in."""
     classifier: ClassifierSettings | None = None
     learner: LearnerSettings | None = None
@@ -33,9 +33,9 @@ class SwapRequest(Message, frozen=True, kw_only=True):
     run: RunId
     request: RequestId
     """Any; whoever got no reply asks again with the same."""
-    after: Annotated[int, Meta(ge=0, le=64)] | None = None
+    after: Annotated[int, Meta(ge=0, le=MOST_SWAPS)] | None = None
     """How many swaps the run had when this was worked out; refused when it has others by now. None: no matter."""
-    episode: Annotated[int, Meta(ge=1, le=2**62)] | None = None
+    episode: Annotated[int, Meta(ge=1, le=LONGEST_RUN - 1)] | None = None
     """From which episode on; None for the first that has not begun."""
     classifier: ClassifierSettings | None = None
     learner: LearnerSettings | None = None
@@ -46,7 +46,7 @@ class Swapped(Message, frozen=True, kw_only=True):
     """Reply to ``swap``: the swap as the store has it, the ``number``-th of its run, from 1."""
 
     run: RunId
-    number: Annotated[int, Meta(ge=1, le=64)]
+    number: Annotated[int, Meta(ge=1, le=MOST_SWAPS)]
     swap: Swap
 
 
@@ -56,4 +56,4 @@ class Swaps(Message, frozen=True, kw_only=True):
     LARGEST_BYTES: ClassVar[int] = 1 << 20
 
     run: RunId
-    swaps: Annotated[tuple[Swap, ...], Meta(min_length=1, max_length=64)]
+    swaps: Annotated[tuple[Swap, ...], Meta(min_length=1, max_length=MOST_SWAPS)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 _NAME_RULE = re.compile(r"`str` matching regex '\^(?:\[([^\]]+)\])?\[([^\]]+)\]\{(\d+)(?:,(\d+))?\}\\+Z'")
@@ -73,3 +74,14 @@ def one_line(text: str, most: int = 300) -> str:
     if len(text) > most:
         text = f"{text[: most - 3]}..."
     return text if text.isprintable() else "".join(one if one.isprintable() else "?" for one in text)
+
+
+def spans(numbers: Iterable[int]) -> str:
+    """Return whole numbers in words, as in ``0 to 22, 24, 26 to 40``."""
+    ranges: list[list[int]] = []
+    for number in sorted(numbers):
+        if ranges and number == ranges[-1][1] + 1:
+            ranges[-1][1] = number
+        else:
+            ranges.append([number, number])
+    return ", ".join(str(first) if first == last else f"{first} to {last}" for first, last in ranges)

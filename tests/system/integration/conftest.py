@@ -12,6 +12,7 @@ import zenoh
 
 from services.bus.session import open_client
 from services.rules.results import episodes_digest
+from services.store.database import Database
 from services.wire.codec import decode, encoding_of
 from services.wire.errors import ContractError
 from services.wire.keys import ACTION, CLASSIFIER_STATES, EXPERIMENT, Q_TABLE, Keys
@@ -54,6 +55,16 @@ class LiveCell:
     def start_store(self, *options: str) -> Any:
         """Start the store on the cell's file."""
         return self.start("store", "--file", str(self.folder / "store.sqlite"), *options)
+
+    def edit_store(self, change: Callable[[Database], object]) -> None:
+        """Stop the store if it runs, let its file be changed, and start it again."""
+        running = self.processes.get("store")
+        if running is not None and running.popen.poll() is None:
+            running.popen.kill()
+            running.end()
+        with Database(self.folder / "store.sqlite") as database:
+            change(database)
+        self.start_store()
 
     def start_loop(self, episodes: int, *names: str) -> None:
         """Start the services of the learning loop, or those that are named."""

@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import zenoh
 
 from services.bus.session import come_after, open_client
+from services.wire.codec import encode, encoding_of
+from services.wire.messages import Checkpoint
 
-NAME = "checkpoint/notes/a"
+RUN = "0f-s1"
+
+
+def checkpoint(episode: int, decisions: int) -> Checkpoint:
+    return Checkpoint(
+        run=RUN, service="agent", episode=episode, decisions=decisions, contract_sha256="0f" * 32, snapshot={}
+    )
 
 
 def ahead(session: zenoh.Session) -> zenoh.Timestamp:
@@ -40,22 +49,28 @@ def test_a_message_that_is_ahead_of_everybodys_clock_keeps_its_sender(
 def test_after_reading_a_value_of_the_future_a_new_one_takes_its_place(
     live: Any, wait_until: Callable[..., None]
 ) -> None:
-    key = live.keys.of(NAME)
-    with open_client([live.endpoint]) as first:
-        stamp = ahead(first)
+    key = live.keys.checkpoint(RUN, "agent", 3)
 
     def read(session: zenoh.Session) -> list[zenoh.Sample]:
         return [reply.ok for reply in session.get(key, timeout=5.0) if reply.ok is not None]
 
-    def text(session: zenoh.Session, value: str, timestamp: zenoh.Timestamp | None = None) -> bool:
-        session.put(key, value, encoding="text/plain", timestamp=timestamp)
-        return [sample.payload.to_string() for sample in read(session)] == [value]
+    def put(session: zenoh.Session, decisions: int, timestamp: zenoh.Timestamp | None = None) -> bool:
+        message = encode(checkpoint(3, decisions))
+        session.put(key, message, encoding=encoding_of(Checkpoint), timestamp=timestamp)
+        return [sample.payload.to_bytes() for sample in read(session)] == [message]
 
-    with open_client([live.endpoint]) as writer:
-        wait_until("the store has it", lambda: text(writer, "of the future", stamp))
-    with open_client([live.endpoint]) as late:
-        assert not text(late, "of today"), "without care the store takes it for older"
+    @contextmanager
+    def agent() -> Iterator[zenoh.Session]:
+        with open_client([live.endpoint]) as session:
+            token = session.liveliness().declare_token(live.keys.of(f"claim/agent/{1:020d}-{session.zid()}"))
+            yield session
+            token.undeclare()  # type: ignore[no-untyped-call]
+
+    with agent() as writer:
+        wait_until("the store has it", lambda: put(writer, 1, ahead(writer)))
+    with agent() as late:
+        assert not put(late, 2), "without care the store takes it for older"
         come_after(late, read(late))
-        wait_until("it is replaced", lambda: text(late, "of today"))
+        wait_until("it is replaced", lambda: put(late, 3))
         come_after(late, read(late))
-        assert [sample.payload.to_string() for sample in read(late)] == ["of today"]
+        assert [sample.payload.to_bytes() for sample in read(late)] == [encode(checkpoint(3, 3))]

@@ -1,94 +1,69 @@
-"""The store over Zenoh: to a client it is one of Zenoh's own storages."""
+"""The store over Zenoh: what a client sees of it, from a real process, and what a kill leaves."""
 
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
 import zenoh
 
-KEY = "treenail/a/checkpoint/notes/"
+from services.wire.codec import encode, encoding_of
+from services.wire.keys import Keys
+from services.wire.messages import Checkpoint
+
+RUN = "0f-s1"
 
 
-def contents(live: Any, selector: str = KEY + "**") -> dict[str, str]:
-    """Return what the store answers, by key."""
-    return {
-        str(reply.ok.key_expr): reply.ok.payload.to_string()
-        for reply in live.session.get(selector, timeout=5.0)
-        if reply.ok is not None
-    }
+def checkpoint(episode: int, decisions: int) -> Checkpoint:
+    return Checkpoint(
+        run=RUN, service="agent", episode=episode, decisions=decisions, contract_sha256="0f" * 32, snapshot={}
+    )
 
 
 @pytest.fixture
-def put(live: Any, wait_until: Callable[..., None]) -> Callable[..., None]:
-    """Put text and read it back: the only proof that there is."""
-
-    def store(name: str, text: str) -> None:
-        live.session.put(KEY + name, text, encoding="text/plain")
-        wait_until(f"{name} is stored", lambda: contents(live, KEY + name) == {KEY + name: text})
-
-    return store
+def agent(live: Any) -> Iterator[zenoh.Session]:
+    """The test holds the agent's role: it is believed."""
+    instance = f"{1:020d}-{live.session.zid()}"
+    token = live.session.liveliness().declare_token(live.keys.of(f"claim/agent/{instance}"))
+    yield live.session
+    token.undeclare()
 
 
-def test_the_newest_value_of_each_key_is_given_back(live: Any, put: Callable[..., None]) -> None:
-    put("a", "1")
-    put("b/c", "2")
-    put("a", "3")
-    assert contents(live) == {KEY + "a": "3", KEY + "b/c": "2"}
-    assert contents(live, KEY + "*") == {KEY + "a": "3"}
-    assert contents(live, KEY + "*/c") == {KEY + "b/c": "2"}
-    assert contents(live, KEY + "nothing") == {}
-    (reply,) = live.session.get(KEY + "a")
-    assert str(reply.ok.encoding) == "text/plain"
+def contents(live: Any, selector: str) -> dict[str, bytes]:
+    """Return what the store answers, by key."""
+    replies = live.session.get(live.keys.of(selector), timeout=5.0)
+    return {str(reply.ok.key_expr): reply.ok.payload.to_bytes() for reply in replies if reply.ok is not None}
 
 
-def test_versions_are_numbered_keys(live: Any, put: Callable[..., None]) -> None:
-    for number in range(5):
-        put(f"weights/{number:04d}", f"version {number}")
-    assert contents(live, KEY + "weights/0003") == {KEY + "weights/0003": "version 3"}
-    assert sorted(contents(live, KEY + "weights/*").values()) == [f"version {number}" for number in range(5)]
-
-
-def test_deletes_take_one_key_or_many(live: Any, put: Callable[..., None], wait_until: Callable[..., None]) -> None:
-    for name in ("a", "b", "c/d", "c/e", "f"):
-        put(name, name)
-    live.session.delete(KEY + "a")
-    wait_until("one is gone", lambda: set(contents(live).values()) == {"b", "c/d", "c/e", "f"})
-    live.session.delete(KEY + "c/**")
-    wait_until("two are gone", lambda: set(contents(live).values()) == {"b", "f"})
+def put(live: Any, key: str, message: Checkpoint, timestamp: zenoh.Timestamp | None = None) -> None:
+    live.session.put(key, encode(message), encoding=encoding_of(Checkpoint), timestamp=timestamp)
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
-def test_a_store_that_starts_again_has_it_all(live: Any, put: Callable[..., None], number: signal.Signals) -> None:
-    for index in range(20):
-        put(f"{index:08d}", f"value {index}")
-    before = contents(live)
+def test_the_newest_value_of_each_key_is_given_back_also_by_a_store_that_starts_again(
+    live: Any, agent: zenoh.Session, wait_until: Callable[..., None], number: signal.Signals
+) -> None:
+    keys = Keys("a")
+    earlier = live.session.new_timestamp()
+    wanted = {keys.checkpoint(RUN, "agent", episode): encode(checkpoint(episode, 9)) for episode in range(20)}
+
+    def stored() -> bool:
+        for episode in range(20):
+            put(live, keys.checkpoint(RUN, "agent", episode), checkpoint(episode, 9))
+            put(live, keys.checkpoint(RUN, "agent", episode), checkpoint(episode, 1), earlier)
+        return contents(live, f"checkpoint/{RUN}/**") == wanted
+
+    wait_until("all is stored", stored)
+    assert contents(live, f"checkpoint/{RUN}/agent/00000003") == {
+        keys.checkpoint(RUN, "agent", 3): encode(checkpoint(3, 9))
+    }
+    assert contents(live, "checkpoint/nothing/*") == {}
+    live.session.delete(keys.of("checkpoint/**"))
+    wait_until("the delete is refused", lambda: live.refused("store"))
     live.processes["store"].stop(number)
-    assert contents(live) == {}
+    assert contents(live, f"checkpoint/{RUN}/**") == {}
     live.start_store()
     live.wait_alive("store")
-    assert contents(live) == before
-
-
-def test_an_older_value_is_passed_over(live: Any, put: Callable[..., None], wait_until: Callable[..., None]) -> None:
-    earlier: zenoh.Timestamp = live.session.new_timestamp()
-    put("a", "new")
-    live.session.put(KEY + "a", "old", encoding="text/plain", timestamp=earlier)
-    live.session.put(KEY + "b", "old, but the first", encoding="text/plain", timestamp=earlier)
-    wait_until("both have arrived", lambda: len(contents(live)) == 2)
-    assert contents(live) == {KEY + "a": "new", KEY + "b": "old, but the first"}
-    live.session.delete(KEY + "a", timestamp=earlier)
-    put("c", "later")
-    assert contents(live, KEY + "a") == {KEY + "a": "new"}
-
-
-def test_a_value_for_many_keys_at_once_is_refused(
-    live: Any, put: Callable[..., None], wait_until: Callable[..., None]
-) -> None:
-    put("a", "1")
-    put("b", "2")
-    live.session.put(KEY + "*", "all", encoding="text/plain")
-    wait_until("it is refused", lambda: live.refused("store").get("BadPayloadError") == 1)
-    assert contents(live) == {KEY + "a": "1", KEY + "b": "2"}
+    assert contents(live, f"checkpoint/{RUN}/**") == wanted

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import itertools
 import signal
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 
 import pytest
-import zenoh
 
+from services.store.database import Database
+from services.store.sqlite_file import StoreFullError
+from services.store.values import Put, StoredValue
 from services.wire.codec import decode, encode, encoding_of
 from services.wire.keys import ACTION, OBSERVATION, TASK_STEPS
 from services.wire.messages import Action, Checkpoint, JournalEpisode, Message, Observation, RunRecord
@@ -68,26 +72,22 @@ def test_a_worker_that_starts_while_the_store_is_away_waits_for_it(
     assert live.digests() == reference(EPISODES)
 
 
-def fill(house: Any, wait_until: Callable[..., None]) -> None:
-    """Put large and ever smaller values into a store until nothing fits any more."""
-    for size in (64 * 1024, 8 * 1024, 1024, 100):
-        failures = house.refused("store").get("StoreFailedError", 0)
-
-        def full(size: int = size, failures: int = failures) -> bool:
-            for number in range(4):
-                key = house.keys.of(f"journal/ballast/{size}/{house.status('store').handled}-{number}/x")
-                house.session.put(key, bytes(size), encoding="application/octet-stream")
-            return bool(house.refused("store").get("StoreFailedError", 0) > failures)
-
-        wait_until(f"{size} bytes do not fit", full)
+def fill(house: Any) -> None:
+    """Put large and ever smaller values into a store's file until nothing fits any more."""
+    with Database(house.folder / "store.sqlite", max_bytes=1 << 20) as database:
+        for size in (64 * 1024, 8 * 1024, 1024, 100):
+            with suppress(StoreFullError):
+                for number in itertools.count():
+                    key = house.keys.of(f"journal/ballast/{size}/{number}")
+                    database.apply([Put(key, bytes(size), "zenoh/bytes", f"{1:016x}/{'01' * 16}")])
 
 
 def test_a_full_store_stops_the_run_until_there_is_room(
     house: Any, wait_until: Callable[..., None], reference: Reference
 ) -> None:
+    fill(house)
     store = house.start_store("--max-bytes", str(1 << 20))
     house.wait_alive("store")
-    fill(house, wait_until)
     house.start_loop(EPISODES)
     wait_until("the run waits", lambda: house.phase("task").startswith("waiting for store"))
     wait_until("the store says why", lambda: house.phase("store").startswith("cannot write"))
@@ -97,16 +97,30 @@ def test_a_full_store_stops_the_run_until_there_is_room(
     assert house.digests() == reference(EPISODES)
 
 
-def test_a_full_store_is_emptied_by_deletes_and_goes_on(
-    house: Any, wait_until: Callable[..., None], reference: Reference
+def test_a_file_that_is_deleted_under_a_living_store_holds_the_cell_and_is_saved(
+    live: Any, wait_until: Callable[..., None], reference: Reference
 ) -> None:
-    house.start_store("--max-bytes", str(1 << 20))
-    house.wait_alive("store")
-    fill(house, wait_until)
-    house.start_loop(EPISODES)
-    wait_until("the run waits", lambda: house.phase("task").startswith("waiting for store"))
-    house.session.delete(house.keys.of("journal/ballast/**"))
-    assert house.digests() == reference(EPISODES)
+    live.start_loop(EPISODES)
+    live.wait_actions(40)
+    file = live.folder / "store.sqlite"
+    file.unlink()
+    wait_until("the store says so", lambda: live.phase("store").startswith(f"cannot write: {file}"))
+    wait_until("the run waits", lambda: live.phase("task").startswith(f"waiting for store ({file}: expected the file"))
+    at = live.done()
+    rescued = file.with_name("store.sqlite.rescued")
+    wait_until("it is saved", rescued.exists)
+    live.processes["store"].popen.kill()
+    live.processes["store"].end()
+    live.start_store()  # with an empty file: not the run's
+    wait_until("the run waits for its own", lambda: "it has lost run" in live.phase("task"))
+    assert live.done() == at
+    live.processes["store"].popen.kill()
+    live.processes["store"].end()
+    for path in live.folder.glob("store.sqlite-*"):
+        path.unlink()
+    rescued.rename(file)
+    live.start_store()
+    assert live.digests() == reference(EPISODES)
 
 
 def test_a_file_that_is_no_store_is_one_line(house: Any) -> None:
@@ -179,7 +193,7 @@ def test_without_an_answer_from_the_store_a_worker_waits_and_the_task_says_that_
     kill(live, "store")
     live.start_loop(EPISODES, "agent")
     wait_until("it says why", lambda: live.phase("task") == "waiting for agent (no checkpoint) and classifier")
-    assert live.phase("agent") == "waiting for store (no memory of this run)"
+    assert live.phase("agent") == "waiting for store (it does not answer)"
     live.start_loop(EPISODES, "classifier")
     both = "waiting for agent (no checkpoint) and classifier (no checkpoint)"
     wait_until("it says so of both", lambda: live.phase("task") == both)
@@ -188,14 +202,14 @@ def test_without_an_answer_from_the_store_a_worker_waits_and_the_task_says_that_
 
 
 @pytest.mark.parametrize("name", ["agent", "classifier"])
-def test_with_a_damaged_checkpoint_a_worker_waits_and_task_and_worker_say_so(
+def test_a_checkpoint_that_cannot_be_gone_on_with_is_passed_over(
     live: Any, wait_until: Callable[..., None], reference: Reference, name: str
 ) -> None:
     live.start_loop(EPISODES)
     live.wait_actions(60)
     kill(live, name)
     run, key = live.experiment().run, live.keys.checkpoint_latest(live.experiment().run, name)
-    damaged = Checkpoint(
+    useless = Checkpoint(
         run=run,
         service=name,
         episode=1,
@@ -203,21 +217,11 @@ def test_with_a_damaged_checkpoint_a_worker_waits_and_task_and_worker_say_so(
         contract_sha256=live.status("task").contract_sha256,
         snapshot={"q": b"\xff" * 7, "states": 3},
     )
-    put(live, key, damaged)
-    wait_until("the store has it", lambda: live.ask(f"checkpoint/{run}/{name}/latest", Checkpoint) == damaged)
+    stamp = f"{2**63:016x}/{'01' * 16}"
+    live.edit_store(lambda store: store.apply([Put(key, encode(useless), encoding_of(Checkpoint), stamp)]))
     live.start_loop(EPISODES, name)
-    wait_until(f"the {name} says why", lambda: "(checkpoint before episode 1: " in live.phase(name))
-    wait_until("the task says so", lambda: live.phase("task") == f"waiting for {name} (no checkpoint)")
-    at = live.done()
-    observations: list[zenoh.Sample] = []
-    heard = live.session.declare_subscriber(live.keys.of(OBSERVATION), observations.append)
-    wait_until("the task asks in vain", lambda: len(observations) >= 3)
-    heard.undeclare()
-    assert len({sample.payload.to_bytes() for sample in observations}) == 1
-    assert live.done() == at
-    assert "waiting for store (checkpoint before episode 1" in live.processes[name].out
-    live.session.delete(key)
     assert live.digests() == reference(EPISODES)
+    assert "checkpoint before episode 1 is passed over" in live.processes[name].out
 
 
 def test_without_checkpoint_and_with_a_journal_that_has_lost_its_beginning_a_worker_waits(
@@ -226,14 +230,18 @@ def test_without_checkpoint_and_with_a_journal_that_has_lost_its_beginning_a_wor
     live.start_loop(EPISODES)
     wait_until("some episodes are done", lambda: live.done() >= 3)
     kill(live, "agent")
-    run = live.experiment().run
-    (lost,) = [reply.ok for reply in live.session.get(live.keys.journal(run, 0)) if reply.ok is not None]
-    live.session.delete(live.keys.journal(run, 0))
-    wait_until("it is lost", lambda: live.ask(f"journal/{run}/000000/00000000", JournalEpisode) is None)
+    key = live.keys.journal(live.experiment().run, 0)
+    lost: list[StoredValue] = []
+
+    def lose(store: Database) -> None:
+        lost.extend(store.get(key).values)
+        store.prune([key])
+
+    live.edit_store(lose)
     live.start_loop(EPISODES, "agent")
     wait_until("the task says so", lambda: live.phase("task") == "waiting for agent (no checkpoint)")
-    assert live.phase("agent").startswith("waiting for store (")
-    put(live, live.keys.journal(run, 0), decode(JournalEpisode, lost.payload.to_bytes(), str(lost.encoding)))
+    wait_until("it says why", lambda: "neither checkpoint nor journal has decisions" in live.phase("agent"))
+    live.edit_store(lambda store: store.apply([Put(*value) for value in lost]))
     assert live.digests() == reference(EPISODES)
 
 

@@ -69,7 +69,7 @@ def test_store_that_a_cell_left_is_replayed_and_a_forged_copy_is_found_out(
 def forge_a_reward(path: Path, run: str, episode: int) -> tuple[int, int]:
     """Change one reward in a store's file and return its episode and step."""
     with Database(path) as database:
-        (value,) = database.get(f"treenail/a/journal/{run}/000000/{episode:08d}")
+        (value,) = database.get(f"treenail/a/journal/{run}/000000/{episode:08d}").values
         entry = decode(JournalEpisode, value.payload, value.encoding)
         first, *others = entry.steps
         payload = encode(replace(entry, steps=(replace(first, reward=-77.0), *others)))

@@ -258,7 +258,7 @@ def _fails(process: Any) -> str:
         (("--set", "start.nothing=1"), "nothing"),
         (("--set", "x"), "--set"),
         (("--experiment", "no-such-experiment"), "no-such-experiment"),
-        (("--episodes", "0"), "--episodes: expected 1 or more, got 0"),
+        (("--episodes", "0"), "--episodes: expected 1 to 1000000, got 0"),
         (("--episodes", "many"), "--episodes"),
         (("--seed", "-1"), "--seed: expected 0 to 9223372036854775807, got -1"),
         (("--seed", "x"), "--seed"),

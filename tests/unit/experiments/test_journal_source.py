@@ -150,7 +150,7 @@ def test_damage_is_an_error_in_one_line(store: Path, capsys: pytest.CaptureFixtu
 def test_damaged_payload_is_named(store: Path, first: Any, capsys: pytest.CaptureFixture[str]) -> None:
     key = KEYS.journal(first.record.run, 2)
     with Database(store) as database:
-        (value,) = database.get(key)
+        (value,) = database.get(key).values
         database.apply([Put(key, value.payload[:-50], value.encoding, f"{2**40:016x}/{'1' * 32}")])
     assert replay_command.main(["--store", str(store)]) == 2
     (line,) = capsys.readouterr().err.splitlines()

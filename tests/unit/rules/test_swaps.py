@@ -6,7 +6,6 @@ import pytest
 from msgspec.structs import replace
 
 from services.rules.swaps import (
-    MOST,
     Wish,
     asked_for,
     fresh_after,
@@ -20,6 +19,7 @@ from services.rules.swaps import (
 )
 from services.wire.definition import Art2Settings, Definition, Greedy, Plugin, QLearning, Sarsa, Softmax
 from services.wire.errors import DefinitionError, SwapError, TreenailError
+from services.wire.message_base import MOST_SWAPS
 from services.wire.messages import Swap, SwapRequest
 
 BEGUN = Definition(name="test", learner=QLearning(alpha=0.4, gamma=0.9))
@@ -146,8 +146,8 @@ def test_a_swap_cannot_go_before_another_and_there_is_an_end_to_them() -> None:
     with pytest.raises(SwapError, match="expected episode 5 or later"):
         made(BEGUN, (first,), request(learner=Sarsa()), 4)
     assert made(BEGUN, (first,), request(learner=Sarsa()), 5).episode == 5
-    with pytest.raises(SwapError, match=f"at most {MOST}"):
-        made(BEGUN, (first,) * MOST, request(learner=Sarsa()), 5)
+    with pytest.raises(SwapError, match=f"at most {MOST_SWAPS}"):
+        made(BEGUN, (first,) * MOST_SWAPS, request(learner=Sarsa()), 5)
 
 
 def test_words_tell_what_is_lost() -> None:

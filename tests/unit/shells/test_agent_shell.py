@@ -113,7 +113,7 @@ def test_it_waits_for_a_store_that_knows_the_run_and_says_so(scene: Any) -> None
     agent.later(2.0, lambda: setattr(agent.bus, "store_answers", True))
     agent.later(3.0, lambda: say(scene, agent, 0))
     agent.run_for(work, 4.0)
-    assert phases == ["waiting for store (no memory of this run)"]
+    assert phases == ["waiting for store (it does not answer)"]
     assert agent.phase == "running"
     assert agent.published(Action) == scene.actions[:1]
 
