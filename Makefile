@@ -6,7 +6,7 @@ ARGS ?=
 # A worker for each core, but not for each of many.
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 8 --durations 15
 
-.PHONY: help setup sim reproduce chaos test test-all check fuzz lock docs clean
+.PHONY: help setup sim reproduce chaos test test-all check fuzz lock lock-check docs clean
 
 help:  ## show this
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -55,6 +55,9 @@ docs: setup  ## write docs/contract.md and docs/state_machines.md again from the
 lock:  ## resolve requirements.lock again (needs pip-tools)
 	pip-compile --quiet --all-extras --generate-hashes --allow-unsafe --strip-extras --no-emit-index-url --no-emit-find-links \
 	    --no-emit-trusted-host --no-header --output-file requirements.lock pyproject.toml
+
+lock-check: setup  ## whether all of requirements.lock can be had for Python 3.11, 3.12 and 3.13
+	.ci/lock-check
 
 clean:  ## remove what setup and tests made
 	rm -rf $(VENV) build *.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
