@@ -22,8 +22,11 @@ EYE_MM = (31.0, -47.0, -36.0)
 """Where the scene is looked at from, hole frame: from the side that is cut open, and above."""
 
 Q_TABLE = "agent/q_table"
-TABLE_HIGH, TABLE_WIDE = 198, 360
-"""Size of the table on its canvas, however many states there are: a view does not follow what grows."""
+TABLE_HIGH, TABLE_WIDE = 66, 120
+"""Size of the table on its canvas, however many states there are: a view does not follow what grows.
+
+Small: each browser keeps every picture of it unpacked.
+"""
 
 STYLES: dict[str, tuple[tuple[str, colours.Colour], ...]] = {
     record.FORCE: (("fx [N]", colours.SKY_BLUE), ("fy [N]", colours.ORANGE), ("fz [N]", colours.GREEN)),
@@ -66,7 +69,7 @@ def blueprint() -> rrb.Blueprint:
     table = rrb.Spatial2DView(
         origin="agent",
         name="Action values (dot: best)",
-        visual_bounds=rrb.VisualBounds2D(x_range=(-45, TABLE_WIDE + 15), y_range=(-60, TABLE_HIGH + 35)),
+        visual_bounds=rrb.VisualBounds2D(x_range=(-15, TABLE_WIDE + 5), y_range=(-20, TABLE_HIGH + 12)),
         background=rrb.Background(color=(24, 26, 30)),
     )
     log = rrb.TextLogView(

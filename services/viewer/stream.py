@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import re
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import rerun as rr
-from PIL import Image
 
 from services.bus import ports
 from services.viewer import colours, layout, record, shapes
@@ -109,22 +107,22 @@ class Stream:
     def _send_table(self, item: record.Table) -> None:
         self._at(item.time_ns)
         pixels = colours.stretched(colours.viridis(item.values, item.visited), layout.TABLE_HIGH, layout.TABLE_WIDE)
-        self._recording.log(layout.Q_TABLE, rr.EncodedImage(contents=_png(pixels), media_type="image/png"))
+        self._recording.log(layout.Q_TABLE, rr.Image(pixels))
         self._recording.log("agent/values", rr.Tensor(item.values, dim_names=("action", "state")))
         actions, states = item.values.shape
         row, column = layout.TABLE_HIGH / actions, layout.TABLE_WIDE / states
         tried = ((state, action) for state, action in enumerate(item.best) if item.visited[action, state])
         dots = [((state + 0.5) * column, (action + 0.5) * row) for state, action in tried]
-        self._recording.log("agent/best", rr.Points2D(dots, colors=colours.VERMILION, radii=4.0, draw_order=40.0))
+        self._recording.log("agent/best", rr.Points2D(dots, colors=colours.VERMILION, radii=1.3, draw_order=40.0))
         # Rerun draws a label below its point, so that a point stands some way above what it names.
-        labels = [((-18.0, (action - 0.4) * row), name) for action, name in enumerate(item.actions)]
+        labels = [((-6.0, (action - 0.4) * row), name) for action, name in enumerate(item.actions)]
         named = range(0, states, 1 if states <= 10 else 5 if states <= 50 else 20)
-        labels += [(((state + 0.5) * column, -30.0), str(state)) for state in named]
-        labels.append(((layout.TABLE_WIDE / 2, -54.0), "contact state"))
+        labels += [(((state + 0.5) * column, -10.0), str(state)) for state in named]
+        labels.append(((layout.TABLE_WIDE / 2, -18.0), "contact state"))
         known = item.values[item.visited]
         if known.size:
             scale = f"Q from {known.min():.1f} (dark) to {known.max():.1f} (light)"
-            labels.append(((layout.TABLE_WIDE / 2, layout.TABLE_HIGH + 2.0), f"{scale}; grey: untried"))
+            labels.append(((layout.TABLE_WIDE / 2, layout.TABLE_HIGH + 0.7), f"{scale}; grey: untried"))
         places, names = [place for place, _ in labels], [name for _, name in labels]
         names_at = rr.Points2D(places, labels=names, show_labels=True, radii=0.0, colors=(220, 220, 220))
         self._recording.log("agent/labels", names_at)
@@ -142,13 +140,6 @@ def free_port(bind: str, port: int) -> int:
         return ports.free_port(bind, port)
     except (OSError, OverflowError) as error:
         raise CellError(f"viewer: expected a free port at {bind}, got {port}: {error}") from error
-
-
-def _png(pixels: colours.Pixels) -> bytes:
-    """Return an image packed: a hundredth of what its pixels take, in the memory of each browser for each second."""
-    packed = BytesIO()
-    Image.fromarray(pixels).save(packed, "PNG")
-    return packed.getvalue()
 
 
 def _mesh(mesh: shapes.Mesh, colour: tuple[int, ...]) -> rr.Mesh3D:
