@@ -48,8 +48,9 @@ fuzz: setup  ## a million hostile inputs for all that reads, then 20000 for a li
 	$(BIN)/python -m experiments.fuzz $(ARGS)
 	TREENAIL_FUZZ_CELL=20000 $(BIN)/pytest -s --timeout 1200 tests/system/integration/test_fuzz_cell.py
 
-docs: setup  ## write docs/contract.md and docs/state_machines.md again from the code
+docs: setup  ## write docs/contract.md, definition.md and state_machines.md again from the code
 	$(BIN)/python -m services.wire.contract > docs/contract.md
+	$(BIN)/python -m services.wire.definition_page > docs/definition.md
 	$(BIN)/python -m services.robot_link.machine > docs/state_machines.md
 
 lock:  ## resolve requirements.lock again (needs pip-tools)

@@ -6,6 +6,8 @@ import inspect
 import typing
 from collections.abc import Iterator
 
+from msgspec import Struct
+
 from services.wire.codec import contract_sha256, encoding_of
 from services.wire.keys import CONTRACT, JOURNAL_BLOCK, ROOT
 from services.wire.messages import MESSAGES, JournalStep, Message, Swap
@@ -49,13 +51,18 @@ def _type(kind: type[Message] | type[JournalStep] | type[Swap]) -> Iterator[str]
     yield ""
     yield "| field | type | range |"
     yield "|---|---|---|"
-    hints = typing.get_type_hints(kind, include_extras=True)
+    hints = hints_of(kind)
     for name in kind.__struct_fields__:
-        text, bounds = _describe(hints[name])
+        text, bounds = described(hints[name])
         yield f"| `{name}` | {text} | {bounds} |"
 
 
-def _describe(hint: object) -> tuple[str, str]:
+def hints_of(kind: type[Struct]) -> dict[str, object]:
+    """Return the types of a message's or table's fields, with their ranges."""
+    return typing.get_type_hints(kind, include_extras=True)
+
+
+def described(hint: object) -> tuple[str, str]:
     """Return a type in words, and its range."""
     bounds: list[str] = []
     while typing.get_origin(hint) is typing.Annotated:
@@ -67,9 +74,9 @@ def _describe(hint: object) -> tuple[str, str]:
     if isinstance(hint, type) and not typing.get_args(hint):
         return hint.__name__, ", ".join(bounds)
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    described = [_describe(part) for part in arguments if part not in (Ellipsis, type(None))]
-    words = [word for word, _ in described]
-    inner = dict.fromkeys(limit for _, limit in described if limit)
+    inside = [described(part) for part in arguments if part not in (Ellipsis, type(None))]
+    words = [word for word, _ in inside]
+    inner = dict.fromkeys(limit for _, limit in inside if limit)
     limits = ", ".join([*bounds, *inner])
     if origin is tuple:
         return (f"list of {words[0]}" if Ellipsis in arguments else f"({', '.join(words)})"), limits

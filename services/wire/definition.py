@@ -96,12 +96,17 @@ class Start(_Checked, frozen=True, kw_only=True):
     """Pose of the peg's tip in the hole frame when an episode begins (thesis 6.2.1, 6.4)."""
 
     x_mm: OffsetMm = 1.6
+    """Beside the hole's axis, along X."""
     y_mm: OffsetMm = -2.2
+    """Beside it along Y."""
     height_mm: Annotated[float, Meta(gt=0, le=20)] = 1.0
     """How far the centre of the tip is above the mouth (so z = -height)."""
     rx_deg: AngleDeg = 1.8
+    """Tilt about X."""
     ry_deg: AngleDeg = 0.4
+    """Tilt about Y."""
     rz_deg: AngleDeg = 0.0
+    """Turn about the peg."""
     xy_spread_mm: Annotated[float, Meta(ge=0, le=10)] = 0.0
     """Half width of a uniform random offset added to x and to y in each episode."""
     tilt_spread_deg: Annotated[float, Meta(ge=0, le=10)] = 0.0
@@ -165,12 +170,17 @@ class ForceChangeReward(_Checked, frozen=True, kw_only=True, tag_field="kind", t
     fell: Finite = 5.0
     """When the force fell by at least ``fell_by``."""
     fell_by: Fraction = 0.5
+    """Part of the force before."""
     rose: Finite = -5.0
     """When the force rose by at least ``rose_by``."""
     rose_by: Annotated[float, Meta(ge=0, le=100)] = 0.2
+    """Part of the force before."""
     otherwise: Finite = -1.0
+    """When it did neither."""
     collision: Finite = -200.0
+    """For a move that ends in a collision (instead of the others)."""
     no_progress: Finite = -50.0
+    """For the move that ends the episode by the no-progress rule (instead of the others)."""
 
 
 class Art2Settings(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="art2"):
@@ -181,10 +191,15 @@ class Art2Settings(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="a
     theta: Annotated[float, Meta(ge=0, lt=1)] = 0.05
     """Threshold of the signal function f."""
     a: Annotated[float, Meta(gt=0, le=100)] = 10.0
+    """Feedback from u to w."""
     b: Annotated[float, Meta(gt=0, le=100)] = 10.0
+    """Feedback from q to v."""
     c: Annotated[float, Meta(gt=0, lt=1)] = 0.1
+    """Weight of p in the match."""
     d: Annotated[float, Meta(gt=0, lt=1)] = 0.9
+    """Activity of the winning class; weights reach u/(1-d)."""
     e: Annotated[float, Meta(ge=0, le=0.1)] = 0.0
+    """Keeps norms from 0."""
     learning_rate: Annotated[float, Meta(gt=0, le=1)] = 0.1
     """Part of the way from the old weights to the equilibrium u/(1-d) that a presentation goes; 1 is fast learning."""
     encoding: Literal["odd", "split"] = "odd"
@@ -232,19 +247,23 @@ class EpsilonGreedy(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="
     """Thesis eq. 4.1 with constant epsilon."""
 
     epsilon: Fraction = 0.1
+    """Chance of any action, whatever its value."""
 
 
 class EpsilonAnnealed(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="epsilon_annealed"):
     """Thesis eqs. 4.1 and 4.2: epsilon = 1 / (mu * n + 1) in episode n."""
 
     mu: NotNegative = 0.01
+    """How fast epsilon falls."""
 
 
 class Softmax(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="softmax"):
     """Gibbs distribution (thesis eq. 4.3) with beta = beta + beta_per_episode * n in episode n."""
 
     beta: NotNegative = 4.0
+    """How much values count in the first episode."""
     beta_per_episode: NotNegative = 0.3
+    """How much more they count in each episode after."""
 
 
 Reward = InsertionReward | ForceChangeReward
@@ -262,6 +281,7 @@ class Definition(_Checked, frozen=True, kw_only=True):
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]{0,63}\Z")]
     """Lower-case letters, digits and dashes."""
     title: Annotated[str, Meta(max_length=200)] = ""
+    """One line for plots and lists."""
     source: Annotated[str, Meta(max_length=500)] = ""
     """Where the settings come from: thesis section, paper."""
     episodes: Annotated[int, Meta(ge=1, le=LONGEST_RUN)] = 2000

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from services.rules import command_line, plugins, swaps
 from services.rules import skill as skill_file
 from services.rules.command_line import Parser, whole
-from services.wire import definition_file
+from services.wire import definition_file, definition_page
 from services.wire.errors import TreenailError
 from services.wire.randomness import MAX_SEED
 
@@ -137,6 +137,19 @@ def _show(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def _new(arguments: argparse.Namespace) -> int:
+    path: Path = arguments.file
+    try:
+        with path.open("x", encoding="utf-8") as file:
+            file.write(definition_page.template(path.stem))
+    except FileExistsError:
+        raise TreenailError(f"{path}: expected no such file yet") from None
+    except OSError as error:
+        raise TreenailError(f"{path}: cannot be written: {error.strerror}") from error
+    print(f"{path}: edit it, then: {PROGRAM} run {path}")
+    return 0
+
+
 def _plot(arguments: argparse.Namespace) -> int:
     from experiments.lab import plots, result_files
 
@@ -155,6 +168,9 @@ def _parser() -> argparse.ArgumentParser:
     add = commands.add_parser("show", help="print a definition with all its defaults, as TOML, and its hash")
     _add_definition(add)
     add.set_defaults(command=_show)
+    add = commands.add_parser("new", help="write a definition with all its keys, what they mean and their defaults")
+    add.add_argument("file", type=Path, metavar="FILE", help="a TOML file that is not there yet, such as my.toml")
+    add.set_defaults(command=_new)
     add = commands.add_parser("plot", help="draw the figures of a folder of results again from its episodes.csv")
     add.add_argument("folder", type=Path, metavar="DIR")
     add.set_defaults(command=_plot)
