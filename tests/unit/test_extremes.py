@@ -14,7 +14,8 @@ from msgspec import Struct
 from experiments.fuzz.sound import DEFINITION, RUN, SEED, SmallRun, small_run
 from experiments.journal.replay import Replay
 from services.agent.fold import AgentFold
-from services.bus.testing import FakeQuery, FakeService
+from services.bus.fake_bus import FakeQuery
+from services.bus.testing import FakeService
 from services.classifier.fold import ClassifierFold
 from services.rules import skill
 from services.rules.guard import Guard

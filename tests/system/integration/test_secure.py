@@ -9,6 +9,7 @@ import re
 import socket
 import ssl
 import threading
+import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, nullcontext
@@ -35,6 +36,8 @@ KEYS = Keys("cell-2")
 LONG = {"<run>": "r-s0", "<block>": "000000", "<episode>": "00000003", "<sha256>": "ab" * 32, "<instance>": "1-a"}
 PLACES = ("agent", "classifier", "viewer")
 """The services whose own keys are tried by everybody."""
+BUSY_S = 5.0
+"""What a busy machine may add to any time; it was 44 s."""
 SPOKEN = ("put", "delete", "answer", "be")
 """What one may do only in one's own name, where the key has one."""
 
@@ -355,6 +358,17 @@ def test_a_stranger_without_a_certificate_does_not_come_in(secured: str, certs: 
         )
         with nullcontext() if own else pytest.raises(zenoh.ZError):
             zenoh.open(config).close()  # type: ignore[no-untyped-call]
+
+
+def test_connections_that_say_nothing_keep_nobody_out(secured: str, certs: Path) -> None:
+    open_client([secured], 30.0, certs=certs / "guest").close()  # type: ignore[no-untyped-call]  # it listens
+    port = int(secured.rpartition(":")[2])
+    with ExitStack() as silent:
+        for _ in range(300):
+            silent.enter_context(socket.create_connection(("127.0.0.1", port)))
+        began = time.monotonic()
+        open_client([secured], 30.0, certs=certs / "guest").close()  # type: ignore[no-untyped-call]
+        assert time.monotonic() - began < 3.0 + BUSY_S
 
 
 def test_somebody_of_another_house_is_told_so_on_either_side(

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 import pytest
 
 from services.agent.fold import AgentFold
-from services.bus.testing import FakeBus, FakeService
+from services.bus.fake_bus import FakeBus
+from services.bus.testing import FakeService
 from services.classifier.fold import ClassifierFold
 from services.wire.codec import contract_sha256
 from services.wire.definition import Definition

@@ -10,7 +10,8 @@ import pytest
 import zenoh
 from msgspec.structs import replace
 
-from services.bus.testing import FakeSample, FakeService
+from services.bus.fake_bus import FakeSample
+from services.bus.testing import FakeService
 from services.store.database import Database
 from services.store.retention import RetentionSettings
 from services.store.service import GONE, StoreShell
