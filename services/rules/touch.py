@@ -3,14 +3,15 @@
 A sensor that says 0 N all the way lets guidance push a peg through the rim. What the arm was told since ``home`` says
 where the tip would be if nothing gave way. Where that is deeper inside the material than the errors of arm and taught
 location explain, by more than it takes the wrist to feel a contact twice over, the sensor does not feel. An episode
-that was in contact once, or that begins so well that the peg may go in freely, is none of this rule's business.
+that was in contact once, in which the arm was told anything but +Z, or that begins so well that the peg may go in
+freely, is none of this rule's business.
 """
 
 from __future__ import annotations
 
 import math
 
-from services.rules.workspace import UPRIGHT, Matrix, Vector, product, rotation, turned
+from services.rules.workspace import UPRIGHT, Matrix, Vector, rotation, turned
 from services.wire.actions import Increment
 from services.wire.definition import Definition
 from services.wire.messages import FtPacket, Home
@@ -51,10 +52,11 @@ class Touch:
 
     def take(self, increment: Increment) -> None:
         """Add a motion that was made."""
+        if increment[:2] != (0.0, 0.0) or increment[3:] != (0.0, 0.0, 0.0):
+            self._touched = True  # it is not guidance that asks for it, and how far the material goes is not known
         if not self._touched:
             self._moves += 1
             self._position = self._after(increment)
-            self._turn = product(self._turn, rotation(*increment[3:]))
 
     def feel(self, packet: FtPacket) -> None:
         """Take note of what is felt."""

@@ -431,6 +431,6 @@ def test_true_ends_are_taught(kind: Kind, outcome: Literal["inserted", "collisio
     assert fold.learner.version == 1
 
 
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize("name", [name for name in shipped() if not name.startswith("suite-")])
 def test_the_experiments_of_the_thesis_say_that_all_ends_there(name: str) -> None:
     assert load(name).limits.truncation == "terminal"
