@@ -12,7 +12,7 @@ import shutil
 import signal
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from experiments.chaos.campaign import RunReport, Settings, carry_out
 from experiments.chaos.clocks import Clocks, NoClocksError
 from experiments.chaos.reference import Reference, undisturbed
 from experiments.chaos.report import as_json, lines, table, well
+from experiments.lab.progress import reporter
 from services.cell.terminal import console
 from services.rules import command_line
 from services.rules.command_line import EXIT_DIFFERS, EXIT_ERROR, Parser, RawHelp
@@ -102,7 +103,8 @@ def _carry_out(
     def reference(what: Definition, seed: int, episodes: int) -> Reference:
         return undisturbed(what, seed + 1 if arguments.control else seed, episodes, swaps)
 
-    return carry_out(settings, plan, clocks, _teller(arguments.json), reference)
+    with reporter() as shown:
+        return carry_out(settings, plan, clocks, shown, reference)
 
 
 def _tell(
@@ -145,11 +147,6 @@ def _folder(out: Path | None) -> Iterator[Path]:
     if any(out.iterdir()):
         raise TreenailError(f"--out {out}: expected an empty or new folder, got one with something in it")
     yield out.resolve()
-
-
-def _teller(quiet: bool) -> Callable[[str], None]:
-    """Return who says how it goes: beside the report when that is for programs."""
-    return lambda text: print(text, file=sys.stderr if quiet else sys.stdout, flush=True)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -15,6 +15,7 @@ from experiments.chaos.drive import Done, drive
 from experiments.chaos.plan import Disturbance, Plan
 from experiments.chaos.reference import Reference, Verdict, compare, undisturbed
 from experiments.chaos.watch import Watch
+from experiments.lab.progress import Reporter
 from services.cell.ended import EndedRun, result_of
 from services.rules.results import Digests
 from services.wire.definition import Definition
@@ -66,7 +67,7 @@ def carry_out(
     settings: Settings,
     plan: Plan,
     clocks: Clocks | None,
-    say: Callable[[str], None],
+    shown: Reporter,
     reference: Callable[[Definition, int, int], Reference] = undisturbed,
 ) -> list[RunReport]:
     """Carry a plan out and return a report for each run that it took; stops after the first that does not end well.
@@ -74,14 +75,15 @@ def carry_out(
     The runs have the seeds from ``settings.first_seed`` on.
     """
     reports: list[RunReport] = []
-    total, number = len(plan.disturbances), 0
+    reach, number = shown.begin("chaos", len(plan.disturbances), "disturbances"), 0
 
     def tell(done: Done) -> None:
         nonlocal number
         number += 1
         how = "the run ended" if done.pause_s is None else f"learning stood still for {done.pause_s:.2f} s"
         names = " ".join((done.planned.kind, *done.planned.victims))
-        say(f"{number}/{total} {names}: {how}")
+        shown.say(f"{names}: {how}")
+        reach(number)
 
     for section in plan.sections:
         todo = deque(section.disturbances)
@@ -90,7 +92,7 @@ def carry_out(
             report = RunReport(seed, section.far)
             reports.append(report)
             behind = "" if section.far is None else f", {section.far} behind a tap"
-            say(f"seed {seed}, {settings.episodes} episodes{behind}")
+            shown.say(f"seed {seed}, {settings.episodes} episodes{behind}")
             expected = reference(settings.definition, seed, settings.episodes)
             _run(settings, report, todo, clocks, expected, tell)
             if not report.good:

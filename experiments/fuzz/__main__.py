@@ -9,8 +9,9 @@ from collections.abc import Callable
 from experiments.fuzz import guided
 from experiments.fuzz.campaign import Report, all_targets, campaign, input_of
 from experiments.fuzz.target import outcome
+from experiments.lab.progress import Reporter, reporter
 from services.rules import command_line
-from services.rules.command_line import Parser
+from services.rules.command_line import Parser, whole
 
 HANGS_AFTER_S = 60
 """A reader that does not come back within this hangs; the process then ends with a traceback of where."""
@@ -25,11 +26,13 @@ def main() -> int:
 
 def _act() -> int:
     parser = Parser(prog="make fuzz", description=__doc__)
-    parser.add_argument("--inputs", type=int, default=1_000_000, help="inputs in all")
-    parser.add_argument("--seed", type=int, default=1, help="another seed makes other inputs")
+    parser.add_argument("--inputs", type=whole(), default=1_000_000, help="inputs in all")
+    parser.add_argument("--seed", type=whole(0), default=1, help="another seed makes other inputs")
     parser.add_argument("--only", metavar="READER", help="no other readers than this")
-    parser.add_argument("--guided", type=int, default=50_000, help="of these a reader, guided by coverage")
-    parser.add_argument("--number", type=int, help="with --only: read this one input of the seed and show what comes")
+    parser.add_argument("--guided", type=whole(0), default=50_000, help="of these a reader, guided by coverage")
+    parser.add_argument(
+        "--number", type=whole(0), help="with --only: read this one input of the seed and show what comes"
+    )
     arguments = parser.parse_args()
     targets = [target for target in all_targets() if arguments.only in (None, target.name)]
     if not targets or (arguments.number is not None and len(targets) != 1):
@@ -38,26 +41,24 @@ def _act() -> int:
         given = input_of(targets[0], arguments.seed, arguments.number)
         print(f"{given!r}\n{outcome(targets[0], given)}")
         return 0
-    report = campaign(targets, arguments.inputs, arguments.seed, _progress(arguments.inputs))
+    with reporter() as shown:
+        report = campaign(targets, arguments.inputs, arguments.seed, _watched(arguments.inputs, shown))
     faulthandler.cancel_dump_traceback_later()
     print("\n".join(_summary(report)), flush=True)
     good = not report.findings and report.grown_bytes <= MOST_GROWTH_BYTES
     return 0 if _guided(arguments.guided, arguments.only) and good else 1
 
 
-def _progress(inputs: int) -> Callable[[Report], None]:
-    """Return a function that says twenty times how far it is, and watches that it goes on."""
+def _watched(inputs: int, shown: Reporter) -> Callable[[Report], None]:
+    """Return a function that hears how far the campaign is, tells it, and watches that it goes on."""
     faulthandler.dump_traceback_later(HANGS_AFTER_S, exit=True)
-    said = 0
+    reach = shown.begin("readers", inputs, "inputs")
 
-    def say(report: Report) -> None:
-        nonlocal said
+    def hear(report: Report) -> None:
         faulthandler.dump_traceback_later(HANGS_AFTER_S, exit=True)  # in place of the one before
-        if report.inputs * 20 // inputs > said:
-            said = report.inputs * 20 // inputs
-            print(f"{report.inputs} of {inputs} inputs, {len(report.findings)} findings", flush=True)
+        reach(report.inputs)
 
-    return say
+    return hear
 
 
 def _guided(inputs: int, only: str | None) -> bool:

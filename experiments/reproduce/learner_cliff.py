@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from experiments.reproduce import learner_figures as figures
 from experiments.reproduce.chapter import (
@@ -21,8 +21,8 @@ from experiments.reproduce.chapter import (
 from experiments.reproduce.context import Context
 from experiments.reproduce.figures import BLUE, VERMILION, moving_average
 from experiments.reproduce.gridworlds import CLIFF
-from experiments.reproduce.learner_maze import GOAL, NAMES, most
-from experiments.reproduce.learner_runs import CIRCLES, Kind, Learnt, Run, learn
+from experiments.reproduce.learner_parts import CONSTANT, GOAL, NAMES, learn_all, most, returns
+from experiments.reproduce.learner_runs import CIRCLES, Kind, Learnt, Run
 from experiments.reproduce.verdicts import always, among
 
 EPISODES, STEP_LIMIT = 1000, 1000
@@ -41,6 +41,8 @@ STABLE: dict[Kind, int] = {"sarsa": 30, "q_learning": 60}
 LOWEST: dict[Kind, int] = {"sarsa": -131, "q_learning": -371}
 FIGURES: dict[Kind, tuple[str, str]] = {"sarsa": ("4.17", "4.18"), "q_learning": ("4.19", "4.20")}
 COLOURS: dict[Kind, str] = {"sarsa": BLUE, "q_learning": VERMILION}
+PATHS = {"optimal path, -10": -10.0, "safe path, -14": -14.0}
+"""Returns of the two."""
 SHOWN_RETURN = -400.0
 """Lower end of the figures' axes."""
 _ALIKE = (
@@ -71,9 +73,7 @@ def cliff(context: Context) -> tuple[Block, ...]:
             "4.21",
             "Both learners: mean of 50 episodes (the thesis: a Bezier curve), median and 90 % band of the seeds. "
             f"Returns below {SHOWN_RETURN:g} are off the axis.",
-            figures.both(
-                _returns(sarsa), _returns(q), SHOWN_RETURN, {"optimal path, -10": -10.0, "safe path, -14": -14.0}
-            ),
+            figures.both(returns(sarsa), returns(q), SHOWN_RETURN, PATHS),
         ),
         _table(sarsa, q),
         _paths(q, apart),
@@ -89,12 +89,9 @@ def cliff(context: Context) -> tuple[Block, ...]:
     )
 
 
-def _learnt(context: Context, what: str, kind: Kind, sees: str) -> list[Learnt]:
-    runs = [
-        Run("cliff", "walls" if sees == "walls" else "square", kind, "ε = 0.1", 0.1, 0.1, EPISODES, seed)
-        for seed in context.seeds
-    ]
-    return context.pieces(f"{what}, {NAMES[kind]}", runs, learn, Learnt)
+def _learnt(context: Context, what: str, kind: Kind, sees: Literal["walls", "square"]) -> Sequence[Learnt]:
+    runs = [Run("cliff", sees, kind, CONSTANT, 0.1, 0.1, EPISODES, seed) for seed in context.seeds]
+    return learn_all(context, f"{what}, {NAMES[kind]}", runs)[kind, CONSTANT]
 
 
 def _curves(kind: Kind, runs: Sequence[Learnt]) -> tuple[Block, ...]:
@@ -106,14 +103,10 @@ def _curves(kind: Kind, runs: Sequence[Learnt]) -> tuple[Block, ...]:
         Figure(
             performance,
             f"{NAMES[kind]}: return of an episode, mean of ten. Returns below {SHOWN_RETURN:g} are off the axis.",
-            figures.cliff_returns(_returns(runs), COLOURS[kind], SHOWN_RETURN),
+            figures.learning({NAMES[kind]: returns(runs)}, SHOWN_RETURN, PATHS, colours=(COLOURS[kind],)),
         ),
         Figure(failures, f"{NAMES[kind]}: falls in each ten episodes.", figures.failures(falls, COLOURS[kind])),
     )
-
-
-def _returns(runs: Sequence[Learnt]) -> NDArray[np.float64]:
-    return np.array([run.returns for run in runs])
 
 
 def _table(sarsa: Sequence[Learnt], q: Sequence[Learnt]) -> Table:
@@ -157,13 +150,13 @@ def path_name(path: str) -> str:
     return "walks to and fro" if len(path) >= CIRCLES else f"another, {len(path)} moves"
 
 
-def stable_from(returns: Sequence[float]) -> float:
+def stable_from(rewards: Sequence[float]) -> float:
     """Return the episode from which on the mean of ten is as good as late in the run.
 
     It is the first window of ten episodes whose mean is not below the worst twentieth of those in the second half.
     """
-    averages = moving_average(np.array(returns), figures.WINDOW)
-    return float(np.argmax(averages >= np.percentile(averages[len(returns) // 2 :], 5)))
+    averages = moving_average(np.array(rewards), figures.WINDOW)
+    return float(np.argmax(averages >= np.percentile(averages[len(rewards) // 2 :], 5)))
 
 
 def _rows(kind: Kind, runs: Sequence[Learnt]) -> list[Comparison]:

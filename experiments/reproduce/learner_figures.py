@@ -97,29 +97,30 @@ def _world(axes: Axes, lines: Sequence[str], path: str) -> None:
     axes.axis("off")
 
 
-def performance(curves: Mapping[str, NDArray[np.float64]], floor: float, optimal: float) -> str:
-    """Figs. 4.14, 4.15, A.1, A.2: returns of several policies, each of shape (seeds, episodes), down to ``floor``."""
+def learning(
+    curves: Mapping[str, NDArray[np.float64]],
+    floor: float,
+    levels: Mapping[str, float],
+    window: int = WINDOW,
+    colours: Sequence[str] = COLOURS,
+) -> str:
+    """Figs. 4.14 to 4.21, A.1, A.2: returns by name, each of shape (seeds, episodes), down to ``floor``.
+
+    Of a single curve its first seed is drawn as well. ``levels`` are returns of one or two paths, by name.
+    """
     with drawing() as (figure, ((axes,),)):
-        for (label, returns), colour, style in zip(curves.items(), COLOURS, LINE_STYLES, strict=False):
-            averages = moving_average(returns, WINDOW)
-            band(axes, _ends(averages), averages, colour, label)
+        for (label, returns), colour, style in zip(curves.items(), colours, LINE_STYLES, strict=False):
+            averages = moving_average(returns, window)
+            ends = [float(end) for end in range(window, window + averages.shape[1])]
+            band(axes, ends, averages, colour, label)
             axes.lines[-1].set_linestyle(style)
-        axes.axhline(optimal, color=INK, linewidth=0.8, linestyle=":")
-        axes.set(xlabel="episode", ylabel="return", ylim=(floor, 5), xlim=(0, _length(curves)))
-        figure.legend(loc="outside lower center", ncols=len(curves))
-        return svg(figure)
-
-
-def cliff_returns(returns: NDArray[np.float64], colour: str, floor: float) -> str:
-    """Figs. 4.17, 4.19: returns on the cliff, shape (seeds, episodes), with the lines of both paths."""
-    with drawing() as (figure, ((axes,),)):
-        averages = moving_average(returns, WINDOW)
-        band(axes, _ends(averages), averages, colour, "median of the seeds, 90 % band")
-        axes.plot(_ends(averages), averages[0], color=INK, linewidth=0.6, alpha=0.7, label="seed 0")
-        axes.axhline(-10, color=GREEN, linewidth=1, linestyle="--", label="optimal path, -10")
-        axes.axhline(-14, color=ORANGE, linewidth=1, linestyle="-.", label="safe path, -14")
-        axes.set(xlabel="episode", ylabel="return", ylim=(floor, 10), xlim=(0, returns.shape[1]))
-        axes.legend(loc="lower right")
+            if len(curves) == 1:
+                axes.plot(ends, averages[0], color=INK, linewidth=0.6, alpha=0.7, label="seed 0")
+            axes.set_xlim(0, returns.shape[1])
+        for (label, level), colour in zip(levels.items(), (GREEN, ORANGE), strict=False):
+            axes.axhline(level, color=colour, linewidth=1, linestyle=":", label=label)
+        axes.set(xlabel="episode", ylabel="return", ylim=(floor, 10))
+        figure.legend(loc="outside lower center", ncols=3)
         return svg(figure)
 
 
@@ -135,24 +136,6 @@ def failures(falls: NDArray[np.float64], colour: str) -> str:
         return svg(figure)
 
 
-def both(sarsa: NDArray[np.float64], q_learning: NDArray[np.float64], floor: float, lines: Mapping[str, float]) -> str:
-    """Fig. 4.21: both learners' returns, each of shape (seeds, episodes), smoothed, with ``lines`` by name."""
-    with drawing() as (figure, ((axes,),)):
-        for label, returns, colour, style in (("SARSA", sarsa, BLUE, "-"), ("Q-learning", q_learning, VERMILION, "--")):
-            averages = moving_average(returns, SMOOTH)
-            band(axes, _ends(averages, SMOOTH), averages, colour, label)
-            axes.lines[-1].set_linestyle(style)
-        for (label, level), colour in zip(lines.items(), (GREEN, ORANGE), strict=True):
-            axes.axhline(level, color=colour, linewidth=1, linestyle=":", label=label)
-        axes.set(xlabel="episode", ylabel="return", ylim=(floor, 10), xlim=(0, sarsa.shape[1]))
-        axes.legend(loc="lower right", ncols=2)
-        return svg(figure)
-
-
-def _ends(averages: NDArray[np.float64], window: int = WINDOW) -> list[float]:
-    """Return the episode after each window."""
-    return [float(end) for end in range(window, window + averages.shape[1])]
-
-
-def _length(curves: Mapping[str, NDArray[np.float64]]) -> int:
-    return int(max(returns.shape[1] for returns in curves.values()))
+def both(sarsa: NDArray[np.float64], q_learning: NDArray[np.float64], floor: float, levels: Mapping[str, float]) -> str:
+    """Fig. 4.21: both learners, smoothed."""
+    return learning({"SARSA": sarsa, "Q-learning": q_learning}, floor, levels, SMOOTH, (BLUE, VERMILION))

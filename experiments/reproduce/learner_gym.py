@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from importlib.util import find_spec
 
-import numpy as np
-
 from experiments.reproduce import learner_figures as figures
 from experiments.reproduce.chapter import Block, Comparison, Comparisons, Figure, Heading, Text
 from experiments.reproduce.context import Context
-from experiments.reproduce.learner_maze import NAMES
-from experiments.reproduce.learner_runs import KINDS, Kind, Learnt, Run, learn
+from experiments.reproduce.learner_parts import CONSTANT, NAMES, learn_all, returns
+from experiments.reproduce.learner_runs import KINDS, Kind, Learnt, Run
 from experiments.reproduce.verdicts import near
 
 TITLE = "Gymnasium's CliffWalking-v1"
@@ -26,12 +24,12 @@ def gym(context: Context) -> tuple[Block, ...]:
     if find_spec("gymnasium") is None:
         return Heading(TITLE), Text("Could not run: the package gymnasium is not installed.")
     runs = [
-        Run("CliffWalking-v1", "square", kind, "ε = 0.1", 0.5, 1.0, EPISODES, seed)
+        Run("CliffWalking-v1", "square", kind, CONSTANT, 0.5, 1.0, EPISODES, seed)
         for kind in KINDS
         for seed in context.seeds
     ]
-    learnt = context.pieces("CliffWalking-v1", runs, learn, Learnt)
-    sarsa, q = learnt[: len(context.seeds)], learnt[len(context.seeds) :]
+    learnt = learn_all(context, "CliffWalking-v1", runs)
+    sarsa, q = learnt["sarsa", CONSTANT], learnt["q_learning", CONSTANT]
     return (
         Heading(TITLE),
         Text(
@@ -43,12 +41,7 @@ def gym(context: Context) -> tuple[Block, ...]:
         Figure(
             "",
             "CliffWalking-v1: mean return of 50 episodes while learning, median and 90 % band of the seeds.",
-            figures.both(
-                np.array([run.returns for run in sarsa]),
-                np.array([run.returns for run in q]),
-                SHOWN_RETURN,
-                {"edge, -13": EDGE, "top, -17": TOP},
-            ),
+            figures.both(returns(sarsa), returns(q), SHOWN_RETURN, {"edge, -13": EDGE, "top, -17": TOP}),
         ),
         Comparisons(
             (
@@ -61,13 +54,13 @@ def gym(context: Context) -> tuple[Block, ...]:
 
 
 def _row(kind: Kind, runs: Sequence[Learnt], best: float) -> Comparison:
-    returns = [run.greedy_return for run in runs]
+    greedy = [run.greedy_return for run in runs]
     return Comparison(
         f"{NAMES[kind]} in CliffWalking-v1: greedy return",
         f"textbook: {best:g}",
-        returns,
+        greedy,
         near(best, 0.5),
         "Not the textbook's result: this would be an error in Treenail, or too few episodes.",
-        note=f"Just that in {returns.count(best)} of {len(returns)} seeds. With a constant learning rate the values "
+        note=f"Just that in {greedy.count(best)} of {len(greedy)} seeds. With a constant learning rate the values "
         "waver, and a walk is taken from where they happen to be at the end.",
     )

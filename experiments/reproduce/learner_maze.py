@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from experiments.reproduce import learner_figures as figures
 from experiments.reproduce.chapter import (
@@ -21,16 +19,15 @@ from experiments.reproduce.chapter import (
 )
 from experiments.reproduce.context import Context
 from experiments.reproduce.gridworlds import MAZES
-from experiments.reproduce.learner_runs import KINDS, POLICIES, Kind, Learnt, Place, Run, learn
+from experiments.reproduce.learner_parts import GOAL, NAMES, Runs, learn_all, most, returns
+from experiments.reproduce.learner_runs import KINDS, POLICIES, Kind, Learnt, Place, Run
 
-GOAL = 14
 OPTIMAL = {1: "E", 2: "E", 3: "E", 4: "N", 5: "S", 6: "S", 7: "S", 9: "E"}
 """The last column of Tables 4.1 and A.1."""
 SHORTEST = {"narrow": "SSEENEESSS", "wide": "SEENEESSSS"}
 SHORTEST_RETURN = -9.0
 SHOWN_RETURN = -120.0
 """Lower end of the figures' axes."""
-NAMES: dict[Kind, str] = {"sarsa": "SARSA", "q_learning": "Q-learning"}
 NUMBERS: dict[Kind, tuple[str, str, str]] = {"sarsa": ("4.14", "4.15", "4.1"), "q_learning": ("A.1", "A.2", "A.1")}
 """Figure of epsilon-greedy, figure of softmax, table."""
 THESIS: dict[Kind, Sequence[str]] = {
@@ -56,15 +53,13 @@ THESIS: dict[Kind, Sequence[str]] = {
 """Best moves of states 0 to 15 as printed in Tables 4.1 and A.1, by column."""
 NARROW_POLICIES = ("μ = 0.001", "μ = 1", "β = 2")
 
-_Runs = Mapping[tuple[Kind, str], Sequence[Learnt]]
-
 
 def maze(context: Context) -> tuple[Block, ...]:
     """Return the part of the chapter about the maze."""
     episodes, few = (200, 50) if context.quick else (500, 200)
-    wide = _learnt(context, "maze, open", _runs(context, "maze wide", tuple(POLICIES), episodes))
-    narrow = _learnt(context, "maze, corridor", _runs(context, "maze narrow", NARROW_POLICIES, few))
-    apart = _learnt(context, "maze, squares told apart", _runs(context, "maze narrow", ("β = 2",), few, apart=True))
+    wide = learn_all(context, "maze, open", _runs(context, "maze wide", tuple(POLICIES), episodes))
+    narrow = learn_all(context, "maze, corridor", _runs(context, "maze narrow", NARROW_POLICIES, few))
+    apart = learn_all(context, "maze, squares told apart", _runs(context, "maze narrow", ("β = 2",), few, apart=True))
     blocks: list[Block] = [
         Heading("The maze"),
         Text(
@@ -89,14 +84,6 @@ def _runs(context: Context, world: Place, policies: Sequence[str], episodes: int
     ]
 
 
-def _learnt(context: Context, what: str, runs: Sequence[Run]) -> _Runs:
-    """Return what came of the runs, by learner and policy, in the order of seeds."""
-    made: dict[tuple[Kind, str], list[Learnt]] = {}
-    for run, learnt in zip(runs, context.pieces(what, runs, learn, Learnt), strict=True):
-        made.setdefault((run.kind, run.policy), []).append(learnt)
-    return made
-
-
 def _drawn() -> str:
     titles = {"wide": "open", "narrow": "corridor"}
     return figures.worlds({titles[name]: (MAZES[name], SHORTEST[name]) for name in titles})
@@ -107,7 +94,7 @@ def right(learnt: Learnt) -> int:
     return sum(learnt.best[state] == move for state, move in OPTIMAL.items())
 
 
-def _narrow(narrow: _Runs, apart: _Runs, episodes: int) -> tuple[Block, ...]:
+def _narrow(narrow: Runs, apart: Runs, episodes: int) -> tuple[Block, ...]:
     """Say why only one of the two mazes is the thesis's."""
     rows = [
         (f"{NAMES[kind]}, {policy}", f"{np.median([right(run) for run in runs]):g} of {len(OPTIMAL)}", _arrived(runs))
@@ -140,7 +127,7 @@ def _arrived(runs: Sequence[Learnt]) -> str:
 def _learner(kind: Kind, runs: Mapping[str, Sequence[Learnt]]) -> list[Block]:
     """Return one learner's two figures and its table."""
     greedy, soft, table = NUMBERS[kind]
-    curves = {policy: _returns(learnt) for policy, learnt in runs.items()}
+    curves = {policy: returns(learnt) for policy, learnt in runs.items()}
     blocks: list[Block] = []
     for number, sign, name in ((greedy, "μ", "ε-greedy"), (soft, "β", "softmax")):
         some = {policy: curve for policy, curve in curves.items() if policy.startswith(sign)}
@@ -148,7 +135,7 @@ def _learner(kind: Kind, runs: Mapping[str, Sequence[Learnt]]) -> list[Block]:
             f"{NAMES[kind]} with the {name} policy: return of an episode, mean of ten, median and 90 % band of the "
             f"seeds; dotted the best possible, {SHORTEST_RETURN:g}. Returns below {SHOWN_RETURN:g} are off the axis."
         )
-        blocks.append(Figure(number, caption, figures.performance(some, SHOWN_RETURN, SHORTEST_RETURN)))
+        blocks.append(Figure(number, caption, figures.learning(some, SHOWN_RETURN, {"best possible": SHORTEST_RETURN})))
     caption = (
         f"Best move in each state after {NAMES[kind]}. Each cell: the thesis's, then the one most seeds have, with "
         "their share where not all do. States that are not on the optimal path are free; N stands for never met."
@@ -167,21 +154,11 @@ def _policy_rows(kind: Kind, runs: Mapping[str, Sequence[Learnt]]) -> list[list[
     return rows
 
 
-def most(letters: Sequence[str]) -> str:
-    """Return the most frequent letter, with its share where it is not the only one: ``E``, ``E 7/10``."""
-    letter, times = Counter(letters).most_common(1)[0]
-    return letter if times == len(letters) else f"{letter} {times}/{len(letters)}"
-
-
-def _returns(runs: Sequence[Learnt]) -> NDArray[np.float64]:
-    return np.array([run.returns for run in runs])
-
-
-def _rows(kind: Kind, wide: _Runs) -> list[Comparison]:
+def _rows(kind: Kind, wide: Runs) -> list[Comparison]:
     runs = {policy: wide[kind, policy] for policy in POLICIES}
     seeds = range(len(runs["β = 1"]))
-    means = {policy: _returns(learnt).mean(axis=1) for policy, learnt in runs.items()}
-    late = {policy: _returns(learnt)[:, -100:].mean(axis=1) for policy, learnt in runs.items()}
+    means = {policy: returns(learnt).mean(axis=1) for policy, learnt in runs.items()}
+    late = {policy: returns(learnt)[:, -100:].mean(axis=1) for policy, learnt in runs.items()}
     greedy, soft, table = NUMBERS[kind]
     short = "A short run, or squares that look alike; see the table for the states."
     return [

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from experiments.chaos.campaign import Settings, carry_out
 from experiments.chaos.clocks import Clocks
 from experiments.chaos.plan import CLOCK, KINDS, SERVICES, Disturbance, Plan, Section
 from experiments.chaos.report import well
+from experiments.lab.progress import Lines
 from services.wire.definition_file import load
 
 CELL = ("router", "store", "task", "sim", "classifier", "agent")
@@ -69,6 +71,6 @@ def test_clocks_that_disagree_or_are_set_back_change_nothing(small: Path, tmp_pa
     )
     plan = Plan(0, (Section(None, forth_and_back),))
     settings = Settings(str(small), (), (), load(str(small), []), 25, 1, False, tmp_path)
-    runs = carry_out(settings, plan, Clocks(tmp_path / "clocks"), lambda _: None)
+    runs = carry_out(settings, plan, Clocks(tmp_path / "clocks"), Lines(lambda _: None, time.monotonic))
     assert well(plan, runs), [(run.error, run.verdict) for run in runs]
     assert len(runs) == 1

@@ -11,7 +11,8 @@ from experiments.reproduce import learner_figures
 from experiments.reproduce.cliff_gym import CliffWalking
 from experiments.reproduce.gridworlds import greedy_path, train
 from experiments.reproduce.learner_cliff import OPTIMAL_PATHS, SAFE_PATH, path_name, stable_from
-from experiments.reproduce.learner_maze import OPTIMAL, SHORTEST, THESIS, most, right
+from experiments.reproduce.learner_maze import OPTIMAL, SHORTEST, THESIS, right
+from experiments.reproduce.learner_parts import most
 from experiments.reproduce.learner_runs import KINDS, POLICIES, Run, learn
 from services.agent.learning import Learner
 from services.wire.definition import EpsilonGreedy, QLearning
