@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 from typing import Any
 
+import pytest
 from msgspec.structs import replace
 
 from services.agent.service import work
@@ -103,6 +104,40 @@ def test_it_starts_again_from_checkpoint_and_journal(scene: Any) -> None:
     play(scene, again, half, half + 4)
     again.run_for(work, 2.0)
     assert again.published(Action)[said:] == scene.actions[half : half + 4]
+
+
+def test_with_a_journal_that_has_lost_its_beginning_it_waits_until_that_is_back(scene: Any) -> None:
+    bus = scene.bus(episodes_done=5)
+    key, next_one = scene.keys.journal(scene.run, 0), sum(len(entry.steps) for entry in scene.journal[:5])
+    lost = bus.stored.pop(key)
+    agent = scene.service("agent", bus)
+    phases: list[str] = []
+    agent.later(1.0, lambda: phases.append(agent.phase))
+    agent.later(2.0, lambda: bus.stored.update({key: lost}))
+    agent.later(10.0, lambda: say(scene, agent, next_one))
+    agent.run_for(work, 12.0)
+    assert phases == ["waiting for store (state: expected decision 0, got 3)"]
+    assert agent.phase == "running"
+    assert agent.published(Action) == [scene.actions[next_one]]
+
+
+def test_a_checkpoint_that_cannot_be_gone_on_with_is_passed_over(scene: Any, caplog: pytest.LogCaptureFixture) -> None:
+    bus = scene.bus(episodes_done=5)
+    next_one = sum(len(entry.steps) for entry in scene.journal[:5])
+    agent = scene.service("agent", bus)
+    useless = Checkpoint(
+        run=scene.run,
+        service="agent",
+        episode=1,
+        decisions=3,
+        contract_sha256=agent.contract,
+        snapshot={"q": b"\xff" * 7, "states": 3},
+    )
+    agent.store(scene.keys.checkpoint_latest(scene.run, "agent"), useless)
+    agent.later(10.0, lambda: say(scene, agent, next_one))
+    agent.run_for(work, 12.0)
+    assert "checkpoint before episode 1 is passed over" in caplog.text
+    assert agent.published(Action) == [scene.actions[next_one]]
 
 
 def test_it_waits_for_a_store_that_knows_the_run_and_says_so(scene: Any) -> None:
