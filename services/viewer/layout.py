@@ -91,7 +91,7 @@ def blueprint() -> rrb.Blueprint:
     )
     return rrb.Blueprint(
         rrb.Horizontal(
-            rrb.Vertical(about, scene, table, row_shares=[2, 10, 8]),
+            rrb.Vertical(about, scene, table, row_shares=[5, 18, 13]),
             felt,
             learnt,
             column_shares=[6, 8, 7],
