@@ -90,15 +90,8 @@ class LocalCell:
 
         Raises CellError when the router does not answer within 30 s.
         """
-        deadline = time.monotonic() + ROUTER_WITHIN_S
         certs = self.plan.certs and self.plan.certs / who
-        while True:
-            self.mind()
-            try:
-                return Client(Options(self.plan.cell, (self.plan.endpoint,), connect_timeout_s=0.5, certs=certs))
-            except CellError:
-                if time.monotonic() > deadline:
-                    raise
+        return _client_when_up(Options(self.plan.cell, (self.plan.endpoint,), 0.5, certs), self.mind)
 
     def wait_alive(self, client: Client, *names: str, within_s: float = ALIVE_WITHIN_S) -> None:
         """Wait until services say that they are alive. Raises CellError when they do not."""
@@ -136,6 +129,47 @@ def temporary_cell(
             certify(certs, [], days=1)
         with LocalCell(replace(plan, out=Path(name) / "run", certs=certs), options=options) as cell:
             yield cell
+
+
+@contextmanager
+def stopped_store(place: Path, cell: str) -> Iterator[Client]:
+    """A client of the store that a stopped cell left in its run directory: router and store run meanwhile.
+
+    Raises CellError when there is none, when a cell is working in the directory, or when the store cannot be read.
+    """
+    file = place / "store.sqlite" if place.is_dir() else place
+    if not file.is_file():
+        raise CellError(f"--store {place}: expected a run directory with store.sqlite, got none")
+    if working := holders(file.with_name(f"{file.name}.lock")):
+        who = ", ".join(working)
+        raise CellError(f"--store {place}: a cell is working in it, ask that one without --store: {who}")
+    with TemporaryDirectory(prefix="treenail-") as folder:
+        supervisor, endpoint = Supervisor(Path(folder), lambda _: None), f"unixsock-stream/{folder}/z"
+        try:
+            supervisor.start("router", "--listen", endpoint)
+            supervisor.start("store", "--cell", cell, "--connect", endpoint, "--file", str(file.resolve()))
+            with _client_when_up(Options(cell, (endpoint,), 0.5), supervisor.check) as client:
+                deadline = time.monotonic() + STORE_WITHIN_S
+                while "store" not in client.alive():
+                    supervisor.check()
+                    if time.monotonic() > deadline:
+                        raise CellError(f"--store {place}: expected the store within {STORE_WITHIN_S:g} s, got none")
+                    time.sleep(LOOK_EVERY_S)
+                yield client
+        finally:
+            supervisor.stop()
+
+
+def _client_when_up(options: Options, mind: Callable[[], None]) -> Client:
+    """Return a client of a router that was just started, minding the processes meanwhile. Raises CellError."""
+    deadline = time.monotonic() + ROUTER_WITHIN_S
+    while True:
+        mind()
+        try:
+            return Client(options)
+        except CellError:
+            if time.monotonic() > deadline:
+                raise
 
 
 def _make_ready(plan: Plan) -> None:

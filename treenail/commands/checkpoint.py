@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
+import sys
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from rich.table import Table
@@ -12,17 +15,21 @@ from experiments.lab.learnt import learnt
 from experiments.lab.skills import digests
 from services.cell import client, skill_transfer, stored
 from services.cell.client import Client
+from services.cell.local import stopped_store
 from services.cell.terminal import console
 from services.rules import skill as skill_file
 from services.rules.skill import NamedSkill
 from services.rules.swaps import in_force, kind_of, words
 from services.wire.errors import CellError
 from services.wire.keys import WORKERS
+from services.wire.messages import Experiment
 
 Row = dict[str, str | int | bool | None]
 
 TAKEN_WITHIN_S = 60.0
 """How long the task gets by default to finish its episode and begin another run."""
+_IN_STORE = re.compile(r"[0-9a-f]{16}-s[0-9]+.*|[0-9a-f]{4,64}")
+"""What names a run, or a skill by its SHA-256 or the beginning of it; anything else is a file."""
 _NUMBERS = ("episodes", "decisions", "states", "version", "bytes")
 _HEADINGS = ("run", "service", "episodes", "decisions", "bytes", "newest")
 _SKILL_HEADINGS = ("skill", "run", "episodes", "states", "version", "bytes", "chosen")
@@ -34,19 +41,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = commands.add_parser("list", help="what the store of a cell has")
     add.add_argument("--json", action="store_true", help="as JSON")
     add.set_defaults(command=_list)
-    client.add_arguments(add)
+    _add_place(add)
     add = commands.add_parser("show", help="what was learnt: in a run, in a file, or a skill in the store")
     add.add_argument("what", nargs="?", metavar="RUN|FILE|SHA256", help="default: the run that the cell works on")
     add.add_argument("--json", action="store_true", help="as JSON")
     add.set_defaults(command=_show)
-    client.add_arguments(add)
+    _add_place(add)
     add = commands.add_parser("export", help="write what was learnt into one file, for another cell to begin with")
     add.add_argument("file", type=Path, metavar="FILE")
     add.add_argument("--run", help="default: the run that the cell works on, else the last one")
     add.add_argument("--episode", type=int, metavar="E", help="as learnt before episode E (default: in all so far)")
     add.add_argument("--force", action="store_true", help="replace the file if there is one")
     add.set_defaults(command=_export)
-    client.add_arguments(add)
+    _add_place(add)
     add = commands.add_parser("import", help="let a cell begin a run with a skill; a running one does so at once")
     which = add.add_mutually_exclusive_group(required=True)
     which.add_argument("file", type=Path, nargs="?", metavar="FILE")
@@ -58,8 +65,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="S",
         help=f"seconds to wait for a running task to end its episode (default: {TAKEN_WITHIN_S:g})",
     )
+    add.add_argument("--yes", action="store_true", help="give up a run under way without asking")
     add.set_defaults(command=_import)
     client.add_arguments(add)
+
+
+def _add_place(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say which store: that of a living cell, or that of a stopped one."""
+    parser.add_argument("--store", type=Path, metavar="DIR", help="run directory of a cell that has stopped")
+    client.add_arguments(parser)
+
+
+def _store(arguments: argparse.Namespace) -> AbstractContextManager[Client]:
+    """Return a client of that store."""
+    if arguments.store is not None:
+        return stopped_store(arguments.store, arguments.cell)
+    return client.client_of(arguments)
 
 
 def act(arguments: argparse.Namespace) -> None:
@@ -70,7 +91,7 @@ def act(arguments: argparse.Namespace) -> None:
 def _export(arguments: argparse.Namespace) -> None:
     if not arguments.force and arguments.file.exists():
         raise skill_file.SkillError(f"{arguments.file}: expected no such file yet; --force replaces it")
-    with client.client_of(arguments) as cell:
+    with _store(arguments) as cell:
         run = stored.run_named(cell, arguments.run)
         until = run.episodes if arguments.episode is None else arguments.episode
         found = learnt(cell, run, until)
@@ -85,11 +106,12 @@ def _import(arguments: argparse.Namespace) -> None:
     skill = None if arguments.none else skill_file.read(arguments.file)
     with client.client_of(arguments) as cell:
         before = skill_transfer.running(cell)
+        if skill is not None and before is not None:
+            skill_file.fits(skill.skill, before.definition)
+        given_up = _agreed(before, skill, arguments)
         if skill is None:
             skill_transfer.forget(cell)
         else:
-            if before is not None:
-                skill_file.fits(skill.skill, before.definition)
             skill_transfer.give(cell, skill)
         if before is None:
             what = "nothing learnt" if skill is None else f"skill {skill.sha256[:12]}"
@@ -97,10 +119,29 @@ def _import(arguments: argparse.Namespace) -> None:
             return
         now = skill_transfer.taken(cell, None if skill is None else skill.sha256, arguments.timeout)
     print(skill_transfer.beginning(now))
+    if given_up is not None:
+        print(f"run {given_up} stays in the store: treenail checkpoint export FILE --run {given_up}")
+
+
+def _agreed(running: Experiment | None, skill: NamedSkill | None, arguments: argparse.Namespace) -> str | None:
+    """Return the run under way that a skill would end before its end, once somebody has agreed; None for none.
+
+    Raises CellError when nobody has.
+    """
+    chosen = None if skill is None else skill.sha256
+    if running is None or running.phase == "finished" or running.skill_sha256 == chosen:
+        return None
+    where = f"run {running.run} is under way, {running.episodes_done} of {running.episodes} episodes done"
+    if not arguments.yes:
+        if not sys.stdin.isatty():
+            raise CellError(f"{where}: expected --yes to give it up, got nothing; it would stay in the store")
+        if input(f"{where}; give it up (it stays in the store)? [y/N] ").strip().lower() not in ("y", "yes"):
+            raise CellError(f"{where}: it goes on, nothing was changed")
+    return running.run
 
 
 def _list(arguments: argparse.Namespace) -> None:
-    with client.client_of(arguments) as cell:
+    with _store(arguments) as cell:
         runs = [row for run in stored.runs(cell) for row in _rows(cell, run)]
         skills = stored.skills(cell)
     skill_rows: list[Row] = [
@@ -132,9 +173,9 @@ def _show(arguments: argparse.Namespace) -> None:
 def _wanted(arguments: argparse.Namespace) -> NamedSkill:
     """Return what ``show`` is asked for: a file needs no cell."""
     what = arguments.what
-    if what is not None and ("/" in what or Path(what).exists()):
+    if what is not None and (Path(what).exists() or not _IN_STORE.fullmatch(what)):
         return skill_file.read(Path(what))
-    with client.client_of(arguments) as cell:
+    with _store(arguments) as cell:
         known = [] if what is None else [run.record.run for run in stored.runs(cell)]
         if what is None or what in known:
             return learnt(cell, stored.run_named(cell, what))

@@ -95,10 +95,12 @@ def test_running_cell_begins_another_run_and_ends_it_exactly(
 ) -> None:
     live.start_loop(EPISODES)
     live.wait_actions(30)
-    said = checkpoint("import", str(file)).out
+    said = checkpoint("import", str(file), "--yes").out
     name = run_id(load(str(small)), 1, learnt.sha256)
     began = f"run {name} began with skill {learnt.sha256[:12]}: "
-    assert re.fullmatch(rf"{began}\d+ of {EPISODES} episodes done\n", said), said
+    blank = run_id(load(str(small)), 1)
+    kept = f"run {blank} stays in the store: treenail checkpoint export FILE --run {blank}\n"
+    assert re.fullmatch(rf"{began}\d+ of {EPISODES} episodes done\n{kept}", said), said
     experiment = live.experiment()
     assert (experiment.run, experiment.skill_sha256) == (name, learnt.sha256)
     assert experiment.first_policy_version == learnt.version
@@ -111,7 +113,9 @@ def test_whatever_is_killed_comes_back_to_the_same_run(
 ) -> None:
     live.start_loop(EPISODES)
     live.wait_actions(20)
-    checkpoint("import", str(file))
+    refusal = one_line(checkpoint("import", str(file), status=2))
+    assert "is under way" in refusal and "expected --yes to give it up" in refusal
+    checkpoint("import", str(file), "--yes")
     run = live.experiment().run
     for victims in (("agent",), ("task",), ("classifier", "sim"), ("task", "agent", "classifier")):
         live.wait_actions(9)
@@ -128,9 +132,9 @@ def test_skill_is_forgotten_and_taken_up_again_where_each_run_was(
     live.start_loop(EPISODES)
     live.wait_actions(20)
     blank = live.experiment()
-    checkpoint("import", str(file))
+    checkpoint("import", str(file), "--yes")
     live.wait_actions(20)
-    assert f"run {blank.run} began with nothing learnt: " in checkpoint("import", "--none").out
+    assert f"run {blank.run} began with nothing learnt: " in checkpoint("import", "--none", "--yes").out
     assert live.experiment().run == blank.run
     assert live.experiment().episodes_done >= blank.episodes_done
     assert live.digests() == reference(EPISODES)
@@ -285,7 +289,11 @@ def test_what_cannot_be_is_said_in_one_line(
     )
     skills.write(tmp_path / "misfit", misfit)
     assert "expected the actions +X,-X,+Y,-Y,+Z,+RX,-RX,+RY,-RY, got +X," in refused("import", f"{tmp_path}/misfit")
-    assert "expected a file, or a run or skill that the store knows (" in refused("show", "nobody")
+    assert "nobody.skill: expected a file with a skill, got none" in refused("show", "nobody.skill")
+    assert "expected a file, or a run or skill that the store knows (" in refused("show", "0123456789ab")
+    assert "a cell is working in it, ask that one without --store: process " in refused(
+        "export", out, "--store", str(live.folder)
+    )
     assert live.experiment().skill_sha256 is None
     assert live.refused("task") == {}
 

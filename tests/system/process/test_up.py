@@ -216,7 +216,11 @@ def test_results_stay_on_the_screen_and_a_cell_that_stays_answers(
     assert terminal.status == 0
     results = terminal.said.index("first 10")
     assert terminal.said.rindex("\x1b[1A") < results, "nothing goes up the screen after the results"
-    assert (out / "seed0.skill").exists()
+    if not stay:
+        file = tmp_path / "exported"
+        exported = run_module("treenail.__main__", "checkpoint", "export", str(file), "--store", str(out))
+        assert exported.end() == 0, exported.err
+        assert file.read_bytes() == (out / "seed0.skill").read_bytes()
 
 
 def test_when_nobody_reads_any_more_the_run_goes_on(
