@@ -2,9 +2,22 @@
 
 from __future__ import annotations
 
-import argparse
 import os
+import signal
 import sys
+
+
+def _end_early(_number: int, _frame: object) -> None:
+    """Ctrl-C while modules are loaded: there is nothing to clean up, and in other people's code it could get lost."""
+    os.write(2, b"treenail: interrupted\n")
+    os._exit(130)
+
+
+_is_command = __name__ == "__main__" or os.path.basename(sys.argv[0]) == "treenail"
+if _is_command and signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not ignored, as in the background
+    signal.signal(signal.SIGINT, _end_early)
+
+import argparse
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
@@ -82,13 +95,17 @@ def main() -> None:
 def _act(name: str, words: list[str]) -> int | None:
     """Do what a command does; return its exit status."""
     if name in STUDIES or name in TOOLS:
-        return _study(name)(words)
+        study = _study(name)
+        _all_is_loaded()
+        return study(words)
     if name == "store":
         from treenail.commands import store
 
+        _all_is_loaded()
         return store.main(words)
     if name in COMMANDS:
         module = _module(name)
+        _all_is_loaded()
         parser = Parser(prog=f"treenail {name}", description=COMMANDS[name])
         module.add_arguments(parser)
         return module.act(parser.parse_args(words))
@@ -99,6 +116,12 @@ def _act(name: str, words: list[str]) -> int | None:
         overview.parse_args([name])
     overview.print_help()
     return 0
+
+
+def _all_is_loaded() -> None:
+    """From now on Ctrl-C is for the command to deal with."""
+    if signal.getsignal(signal.SIGINT) is _end_early:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def _module(name: str) -> Command:

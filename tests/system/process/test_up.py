@@ -13,6 +13,7 @@ import struct
 import subprocess
 import sys
 import termios
+import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -238,6 +239,14 @@ def test_when_nobody_reads_any_more_the_run_goes_on(
     assert done.stderr == "treenail up: standard output: No space left on device; the run goes on unread\n"
     assert done.returncode == 0
     assert digests_in(out) == reference(3)
+
+
+@pytest.mark.parametrize("after_s", [0.3, 0.6, 1.2])
+def test_ctrl_c_while_modules_are_loaded_is_one_line(up: Callable[..., Any], tmp_path: Path, after_s: float) -> None:
+    process = up(tmp_path / "A", EPISODES)
+    time.sleep(after_s)
+    assert process.stop(signal.SIGINT, SOON_S) == 130
+    assert process.err in ("", "treenail: interrupted\n", "treenail up: interrupted\n")
 
 
 def test_an_early_ctrl_c_is_quiet(up: Callable[..., Any], wait_until: Callable[..., None], tmp_path: Path) -> None:
