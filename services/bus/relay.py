@@ -33,7 +33,7 @@ class Relay(Generic[M]):
         A Refusal is passed on; without a good answer in time the query is refused as not ready. Raises RefusedError
         when too many queries wait already.
         """
-        self._waiting = [one for one in self._waiting if one.open]
+        self._waiting = [waiting for waiting in self._waiting if waiting.open]
         if len(self._waiting) >= MAX_WAITING:
             raise RefusedError(f"{self._name}: expected at most {MAX_WAITING} queries to wait for it, got another one")
         self._waiting.append(asked)

@@ -31,9 +31,16 @@ from services.bus.rights import Rights
 from services.bus.roles import Roles, take_role
 from services.bus.session import DEFAULT_ENDPOINT, open_client
 from services.wire.codec import contract_sha256, decode, encode, encoding_of
-from services.wire.errors import BadPayloadError, CellError, RoleTakenError, TreenailError
-from services.wire.keys import ALIVE, READERS, Keys, name_of
-from services.wire.messages import Alive, Message
+from services.wire.errors import (
+    BadPayloadError,
+    CellError,
+    ContractError,
+    NoAnswerError,
+    RoleTakenError,
+    TreenailError,
+)
+from services.wire.keys import ALIVE, EXPERIMENT, READERS, Keys, name_of
+from services.wire.messages import Alive, Experiment, Message
 from services.wire.text import one_line
 from services.wire.version import version
 
@@ -193,6 +200,14 @@ class Service(Asking, Publishing):
             self.complain(self.phase)
             self.work_until(lambda: False, every_s)
         return None
+
+    def ask_experiment(self) -> Experiment | None:
+        """Return what the task says that runs, or None, saying loudly why; blocks the loop."""
+        try:
+            return self.fetch(EXPERIMENT, Experiment)
+        except (NoAnswerError, ContractError) as error:
+            self.complain(str(error), topic="experiment")
+            return None
 
     # -- what came in --------------------------------------------------------------------------------------------
 

@@ -74,7 +74,7 @@ class Worker(Generic[F]):
         """Learn from the task what runs, and load the memory of it from the store; False when stopped meanwhile."""
         service = self.service
         before = service.phase
-        experiment = service.wait_for("task (no experiment)", self._ask_experiment)
+        experiment = service.wait_for("task (no experiment)", service.ask_experiment)
         while experiment is not None and not service.stopping:
             self.experiment = experiment
             service.run = experiment.run
@@ -84,7 +84,8 @@ class Worker(Generic[F]):
                 service.phase = one_line(f"{NO_MEMORY} ({error})", 200)
                 service.complain(service.phase, topic="memory")
                 service.work_until(lambda: False, _RETRY_S)
-                experiment = self._ask_experiment() or experiment  # the task may have taken up another run meanwhile
+                # The task may have taken up another run meanwhile.
+                experiment = service.ask_experiment() or experiment
                 continue
             service.phase = before
             self._stale = False
@@ -139,13 +140,6 @@ class Worker(Generic[F]):
         service.put(service.keys.checkpoint_latest(checkpoint.run, service.name), checkpoint)
 
     # -- details -------------------------------------------------------------------------------------------------
-
-    def _ask_experiment(self) -> Experiment | None:
-        try:
-            return self.service.fetch(EXPERIMENT, Experiment)
-        except (NoAnswerError, ContractError) as error:
-            self.service.complain(str(error), topic="experiment")
-            return None
 
     def _remember(self) -> F:
         """Return the memory that the store has of this run, complete up to the newest episode in it.
@@ -257,5 +251,5 @@ class Worker(Generic[F]):
             self._look_for_another_run()
 
     def _look_for_another_run(self) -> None:
-        experiment = self._ask_experiment()
+        experiment = self.service.ask_experiment()
         self._stale = experiment is not None and experiment.run != self.experiment.run

@@ -1,6 +1,6 @@
 """The robot link on the bus: ``home`` and ``move`` as ``services.sim`` answers them, made by a controller on a line.
 
-The loop never waits for the controller: queries, F/T samples and the heart go on while a motion is under way. The one
+The loop never waits for the controller: queries, F/T samples and heartbeats go on while a motion is under way. The one
 motion that is under way may be asked for again, and everybody who did gets its answer; any other is refused.
 
 Nothing moves before somebody has asked for ``resume``, nor after a trouble of arm, line or sensor until he does again
@@ -26,8 +26,8 @@ from services.rules.guard import increment_of
 from services.rules.hold import Hold
 from services.rules.motions import DeadSensorError, Robot
 from services.wire.actions import Increment
-from services.wire.errors import ContractError, NoAnswerError, RefusedError
-from services.wire.keys import EXPERIMENT, FT, HOME, MOVE, RESUME
+from services.wire.errors import RefusedError
+from services.wire.keys import FT, HOME, MOVE, RESUME
 from services.wire.messages import Experiment, FtPacket, Home, Move, Resume, Stop
 
 _IDLE_S, _BUSY_S = 0.02, 0.005
@@ -68,7 +68,7 @@ class RobotShell:
 
     def load(self) -> bool:
         """Learn from the task what runs; False when stopped meanwhile."""
-        experiment = self._service.wait_for("task (no experiment)", self._ask)
+        experiment = self._service.wait_for("task (no experiment)", self._service.ask_experiment)
         if experiment is not None:
             self._take_up(experiment)
         return experiment is not None
@@ -97,7 +97,7 @@ class RobotShell:
             return
         self._hold.check(time.monotonic())
         if home.run != self._service.run:
-            experiment = self._ask()
+            experiment = self._service.ask_experiment()
             if experiment is not None and experiment.run == home.run:
                 self._take_up(experiment)
         self._moving.home(home)
@@ -211,13 +211,6 @@ class RobotShell:
         else:
             complaint = None if self._robot is None else self._robot.sensing(time.monotonic_ns())
             service.phase = "running" if complaint is None else f"stands: {complaint}"[:200]
-
-    def _ask(self) -> Experiment | None:
-        try:
-            return self._service.fetch(EXPERIMENT, Experiment)
-        except (NoAnswerError, ContractError) as error:
-            self._service.complain(str(error), topic="experiment")
-            return None
 
     def _take_up(self, experiment: Experiment) -> None:
         self._robot = Robot(experiment.definition, experiment.run, self._settings.oldest_s)

@@ -8,8 +8,7 @@ from services.bus.answers import Request
 from services.bus.service import Options, Service
 from services.sim.cell import SimulatedCell
 from services.sim.progress import follow
-from services.wire.errors import ContractError, NoAnswerError
-from services.wire.keys import EXPERIMENT, FT, HOME, MOVE, RESUME, TRUTH
+from services.wire.keys import FT, HOME, MOVE, RESUME, TRUTH
 from services.wire.messages import Experiment, FtPacket, Home, Move, Moved, Stop, Truth
 
 TRUTH_EVERY_S = 1 / 30
@@ -49,7 +48,7 @@ class SimShell:
 
     def load(self) -> Experiment | None:
         """Learn from the task what to simulate, and build it; None when stopped meanwhile."""
-        experiment = self._service.wait_for("task (no experiment)", self._ask)
+        experiment = self._service.wait_for("task (no experiment)", self._service.ask_experiment)
         if experiment is not None:
             self._build(experiment)
         return experiment
@@ -58,7 +57,7 @@ class SimShell:
         """Answer ``home``; another run's is taken when the task says that this is what runs now."""
         home = request.message(Home)
         if home.run != self._service.run:
-            experiment = self._ask()
+            experiment = self._service.ask_experiment()
             if experiment is not None and experiment.run == home.run:
                 self._build(experiment)
         return self._publish(*self._cell.home(home))
@@ -66,13 +65,6 @@ class SimShell:
     def on_move(self, request: Request) -> Moved:
         """Answer ``move``."""
         return self._publish(*self._cell.move(request.message(Move)))
-
-    def _ask(self) -> Experiment | None:
-        try:
-            return self._service.fetch(EXPERIMENT, Experiment)
-        except (NoAnswerError, ContractError) as error:
-            self._service.complain(str(error), topic="experiment")
-            return None
 
     def _build(self, experiment: Experiment) -> None:
         self._cell = SimulatedCell(experiment.definition, experiment.run, experiment.seed)
