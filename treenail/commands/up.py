@@ -84,7 +84,7 @@ def _run(cell: LocalCell, reporter: Reporter, progress: Progress, hurried: StopF
         if stay:
             _stay(cell, reporter)
         else:
-            reporter.say(f"to ask the cell itself, let it stay: {_command(*sys.argv[1:], '--stay')}")
+            reporter.say(f"to ask the cell itself, let it stay: {_same_command()} --stay")
 
 
 class Watched:
