@@ -14,7 +14,7 @@ from experiments.journal import replay_command
 from experiments.journal.source import InFile, StoredRun, chosen
 from experiments.journal.store_file import opened
 from services.store.database import Database
-from services.store.values import Delete, Put
+from services.store.values import Put
 from services.wire.definition_file import load
 from services.wire.errors import CellError, GapError, NoAnswerError
 from services.wire.keys import Keys
@@ -42,7 +42,8 @@ def store(first: Any, store_of: Callable[..., Path], tmp_path: Path) -> Path:
 
 def forget(path: Path, *keys: str) -> None:
     with Database(path) as database:
-        database.apply([Delete(key, f"{2**40:016x}/{'1' * 32}") for key in keys])
+        for expression in keys:
+            database.prune([stored.key for stored in database.keys(expression)])
 
 
 def episodes_in(path: Path, run: str, until: int | None = None) -> list[JournalEpisode]:

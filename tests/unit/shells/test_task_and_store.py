@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from services.bus.testing import FakeBus, FakeService
+from services.bus.fake_bus import FakeBus
+from services.bus.testing import FakeService
 from services.task.service import work
 from services.wire.codec import decode, encoding_of
 from services.wire.errors import CellError
