@@ -31,12 +31,19 @@ def python(tmp_path_factory: pytest.TempPathFactory) -> Path:
         shutil.copy(ROOT / name, source)
     for name in ("treenail", "experiments", "services"):
         shutil.copytree(ROOT / name, source / name, ignore=shutil.ignore_patterns("__pycache__", "*.so"))
-    build = [*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, source]
+    build = [*pip, "wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder), str(source)]
     subprocess.run(build, check=True)
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", folder / "venv"], check=True)
     made = folder / "venv" / "bin" / "python"
     (packages,) = (folder / "venv" / "lib").glob("python*/site-packages")
-    install = ["install", "--no-deps", "--no-index", "--target", packages, *folder.glob("treenail-*.whl")]
+    install = [
+        "install",
+        "--no-deps",
+        "--no-index",
+        "--target",
+        str(packages),
+        *map(str, folder.glob("treenail-*.whl")),
+    ]
     subprocess.run([*pip, *install], check=True)
     # Folders of libraries alone: the .pth files in them, such as that of an editable Treenail, are not followed.
     needs = [path for path in sys.path if Path(path, "msgspec").is_dir() or Path(path, "matplotlib").is_dir()]
