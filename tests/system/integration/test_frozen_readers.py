@@ -14,7 +14,7 @@ import zenoh
 
 from services.bus.ports import free_port
 from services.bus.session import open_client
-from services.wire.keys import ACTION, FT, Q_TABLE, Keys
+from services.wire.keys import ACTION, FT, Keys
 
 KEYS = Keys("a")
 BLOCK = zenoh.CongestionControl.BLOCK
@@ -24,23 +24,17 @@ from zenoh.handlers import Callback
 lease = {"transport": {"link": {"tx": {"lease": 1000000}}}}
 common = {"mode": "client", "connect": {"endpoints": [sys.argv[1]]}, "scouting": {"multicast": {"enabled": False}}}
 session = zenoh.open(zenoh.Config.from_json5(json.dumps({**common, **lease})))
-if sys.argv[2] == "asks":
-    answers = Callback(lambda reply: None, indirect=False)
-else:
-    pause_s = 0.2 if sys.argv[2] == "slow" else 0.0
-    held = session.declare_subscriber("treenail/**", Callback(lambda sample: time.sleep(pause_s), indirect=False))
+pause_s = 0.2 if sys.argv[2] == "slow" else 0.0
+held = session.declare_subscriber("treenail/**", Callback(lambda sample: time.sleep(pause_s), indirect=False))
 print("ready", flush=True)
-while True:
-    if sys.argv[2] == "asks":
-        session.get("treenail/a/agent/q_table", answers, timeout=1.0)
-    time.sleep(0.002)
+time.sleep(1000)
 """
 LONGEST_GAP_S = 1.0
 """A busy machine has pauses of its own; what this test is about lasted 5 to 10 s."""
 WATCHED_S = 6.0
 
 
-@pytest.mark.parametrize("kinds", [("stopped",), ("stopped", "stopped", "stopped", "slow"), ("asks", "asks")])
+@pytest.mark.parametrize("kinds", [("stopped",), ("stopped", "stopped", "stopped", "slow")])
 def test_a_reader_that_does_not_read_delays_nobody(
     run_module: Callable[..., Any], wait_until: Callable[..., None], kinds: tuple[str, ...]
 ) -> None:
@@ -49,7 +43,6 @@ def test_a_reader_that_does_not_read_delays_nobody(
     heard: list[float] = []
     with open_client([endpoint], 30.0) as speaker, open_client([endpoint], 30.0) as hearer:
         held = hearer.declare_subscriber(KEYS.of(ACTION), lambda _: heard.append(time.monotonic()))
-        answer = speaker.declare_queryable(KEYS.of(Q_TABLE), lambda query: query.reply(query.key_expr, bytes(4000)))
         action, ft = (speaker.declare_publisher(KEYS.of(name), congestion_control=BLOCK) for name in (ACTION, FT))
 
         def speak(seconds: float) -> None:
@@ -80,4 +73,4 @@ def test_a_reader_that_does_not_read_delays_nobody(
                 reader.communicate()
         gaps = [later - earlier for earlier, later in zip([began, *heard], heard, strict=False)]
         assert max(gaps) < LONGEST_GAP_S
-        assert held and answer
+        assert held
