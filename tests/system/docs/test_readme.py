@@ -64,7 +64,7 @@ ASKING = of(
 
 
 def test_every_command_is_run_somewhere() -> None:
-    known = {*LONELY, *JOURNALS, *ASKING, *DOCKER, CAMPAIGN, "make sim", "rerun rerun+http://HOST:9876/proxy"}
+    known = {*LONELY, *JOURNALS, *ASKING, *DOCKER, CAMPAIGN, "make sim", "rerun rerun+http://127.0.0.1:9876/proxy"}
     assert set(COMMANDS) == known
     tests = (ROOT / "tests" / "system" / "containers" / "test_compose.py").read_text()
     assert all(f"def {name}(" in tests for name in DOCKER.values())
@@ -110,7 +110,7 @@ def test_what_asks_a_cell(cell: Path, tmp_path: Path) -> None:
 def test_a_viewer_attaches(cell: Path, wait_until: Callable[..., None], tmp_path: Path) -> None:
     (command,) = of("rerun")
     (port,) = re.findall(r"rerun\+http://127.0.0.1:([0-9]+)/proxy", (cell / "viewer.log").read_text())
-    words = shlex.split(command.replace("HOST:9876", f"127.0.0.1:{port}"))
+    words = shlex.split(command.replace("127.0.0.1:9876", f"127.0.0.1:{port}"))
     saved = tmp_path / "late.rrd"
     # Without a screen it can only record; and its own port is not to be in anybody's way.
     words = [str(Path(sys.executable).with_name(words[0])), *words[1:], "--save", str(saved), "--port", "auto"]
