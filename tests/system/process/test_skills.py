@@ -108,7 +108,7 @@ def test_skill_given_to_a_running_cell_makes_its_run_another_one(
     process = up(out, EPISODES)
     endpoint = endpoint_of(out)
     after_actions(endpoint, 30)
-    given = run_module("treenail.__main__", "checkpoint", "import", str(file), "--connect", endpoint)
+    given = run_module("treenail.__main__", "checkpoint", "import", str(file), "--yes", "--connect", endpoint)
     assert given.end() == 0, given.err
     assert process.end() == 0, process.err
     sha256 = skills.read(file).sha256
