@@ -75,7 +75,7 @@ def table(title: str, figures: dict[str, Figures]) -> Table:
     made = Table(title=title)
     headings = ("method", "success", "force [N]", "peak [N]", "moves", "time [s]", "states")
     for heading in headings:
-        made.add_column(heading.replace("[", "\\["), justify="left" if heading == "method" else "right")
+        made.add_column(heading, justify="left" if heading == "method" else "right")
     for name, row in figures.items():
         interval = f"({row['success_low']:.1%} to {row['success_high']:.1%})"
         made.add_row(

@@ -136,7 +136,7 @@ def test_ctrl_c_ends_it_with_a_word_and_keeps_what_is_finished(
     ) as process:
         assert process.stderr is not None
         assert process.stderr.readline().startswith("Learning agent")
-        assert process.stderr.readline() == "maze, open: 42 pieces\n"
+        assert process.stderr.readline() == "maze, open: 28 pieces\n"
         if moment != "workers starting":
             wait_until("a finished piece", lambda: list(tmp_path.glob("cache/*.json")))
         if moment == "terminated":

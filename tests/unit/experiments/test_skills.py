@@ -110,7 +110,8 @@ def test_skill_transfers_to_the_last_bit(definition: Definition, first: Recorded
     assert other.agent.learner.digest() == first.run.agent.learner.digest() == digests(learnt.skill)["q_table"]
     assert other.classifier.network.digest() == first.run.classifier.network.digest() == digests(learnt.skill)["art2"]
     assert other.agent.decisions == other.classifier.decisions == 0
-    assert learnt.version == other.agent.learner.version == first.run.decisions
+    assert learnt.version == other.agent.version == first.run.agent.learner.version
+    assert first.run.agent.version == first.run.decisions >= learnt.version, "an end by the move limit teaches nothing"
     assert learnt.states == other.classifier.network.states
 
 
@@ -129,7 +130,8 @@ def test_policy_goes_on_where_the_skill_left_it(definition: Definition, first: R
 def test_skills_of_skills_count_all_episodes(second: Recorded, first: Recorded) -> None:
     assert [skill.skill.episodes for skill in second.learnt] == list(range(EPISODES, 2 * EPISODES + 1))
     assert {skill.skill.skill_sha256 for skill in second.learnt} == {first.learnt[-1].sha256}
-    assert second.learnt[-1].version == first.run.decisions + second.run.decisions
+    assert second.learnt[-1].version == second.run.agent.learner.version > first.learnt[-1].version
+    assert second.run.agent.version == first.learnt[-1].version + second.run.decisions
     assert second.learnt[0].skill.agent == first.learnt[-1].skill.agent
 
 
