@@ -166,7 +166,7 @@ class RobotShell:
             for asked in waiting:
                 asked.refuse(result if isinstance(result, LinkError) else LinkError("robot: nothing was under way"))
             return
-        self._hold.made()
+        self._hold.succeeded()
         t_ns, robot = self._arrived_ns(), self._moving
         answer = robot.homed(motion, t_ns) if isinstance(motion, Home) else robot.moved(motion, result, t_ns)
         for asked in waiting:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import cached_property
 from typing import NamedTuple
 
 from services.wire.errors import TreenailError
@@ -83,9 +84,6 @@ class FtCounts:
             raise CountsError(f"full scales: expected six from 1 to {MOST_COUNTS}, got {list(scales)}")
         if not 8 <= self.adc_bits <= 16:
             raise CountsError(f"ADC bits: expected 8 to 16, got {self.adc_bits}")
-        unit = UNITS[self.units]
-        worths = [Fraction(scale) * (unit.force_n if axis < 3 else unit.torque_nm) for axis, scale in enumerate(scales)]
-        object.__setattr__(self, "_ratios", tuple((one / FULL_SCALE_COUNTS).as_integer_ratio() for one in worths))
 
     @property
     def saturation_counts(self) -> int:
@@ -95,12 +93,12 @@ class FtCounts:
     def read(self, counts: Sequence[int]) -> tuple[Force, Torque]:
         """Return force [N] and torque [N m] that six counts stand for."""
         # Division of whole numbers gives the nearest float64, whatever their size.
-        fx, fy, fz, mx, my, mz = (count * up / down for count, (up, down) in zip(counts, self._pairs, strict=True))
+        fx, fy, fz, mx, my, mz = (count * up / down for count, (up, down) in zip(counts, self._ratios, strict=True))
         return (fx, fy, fz), (mx, my, mz)
 
     def count(self, force_n: Sequence[float], torque_nm: Sequence[float]) -> Counted:
         """Return the counts of a load: finite force [N] and torque [N m]."""
-        nearest = [_nearest(value, pair) for value, pair in zip((*force_n, *torque_nm), self._pairs, strict=True)]
+        nearest = [_nearest(value, pair) for value, pair in zip((*force_n, *torque_nm), self._ratios, strict=True)]
         saturated = any(abs(count) >= self.saturation_counts for count in nearest)
         return Counted(tuple(max(LEAST_COUNTS, min(MOST_COUNTS, count)) for count in nearest), saturated)
 
@@ -109,10 +107,13 @@ class FtCounts:
         counted = self.count(force_n, torque_nm)
         return *self.read(counted.counts), counted.saturated
 
-    @property
-    def _pairs(self) -> tuple[tuple[int, int], ...]:
-        pairs: tuple[tuple[int, int], ...] = self.__dict__["_ratios"]
-        return pairs
+    @cached_property
+    def _ratios(self) -> tuple[tuple[int, int], ...]:
+        """What one count of each component is worth [N, N m], as numerator and denominator."""
+        unit = UNITS[self.units]
+        units = (unit.force_n,) * 3 + (unit.torque_nm,) * 3
+        loads = (scale * worth for scale, worth in zip(self.full_scales, units, strict=True))
+        return tuple((load / FULL_SCALE_COUNTS).as_integer_ratio() for load in loads)
 
 
 def _nearest(value: float, ratio: tuple[int, int]) -> int:

@@ -66,7 +66,7 @@ class Hold:
         elif self._failed >= MOST_FAILED:
             self._hold(f"{self._failed} motions failed one after the other: {why}", t_ns)
 
-    def made(self) -> None:
+    def succeeded(self) -> None:
         """Note that a motion was made."""
         self._failed = 0
 

@@ -6,9 +6,9 @@ names it with ``kind = "plugin"``. Only what is installed can be named: nothing 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import EntryPoint, entry_points
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import msgspec
 import numpy as np
@@ -147,25 +147,23 @@ class Learner(Protocol):
 
 def installed(group: str) -> dict[str, EntryPoint]:
     """Return what installed packages register in a group, by name; PluginError when two claim the same name."""
-    found: dict[str, EntryPoint] = {}
+    points: dict[str, EntryPoint] = {}
     for point in entry_points(group=group):
-        other = found.setdefault(point.name, point)
+        other = points.setdefault(point.name, point)
         if other.value != point.value:
             both = f"{other.value} and {point.value}"
             raise PluginError(f"{group}: expected one plug-in named {point.name!r}, got {both}")
-    return found
+    return points
 
 
 def classifier(plugin: Plugin) -> Classifier:
     """Return a classifier that has learnt nothing. Raises PluginError."""
-    made: Classifier = _made(CLASSIFIERS, "classifier", plugin)
-    return made
+    return _build(CLASSIFIERS, "classifier", plugin, lambda kind: kind(dict(plugin.settings)))
 
 
 def learner(plugin: Plugin, actions: int, policy: Policy, seed: int) -> Learner:
     """Return a learner that has learnt nothing. Raises PluginError."""
-    made: Learner = _made(LEARNERS, "learner", plugin, actions, policy, seed)
-    return made
+    return _build(LEARNERS, "learner", plugin, lambda kind: kind(actions, dict(plugin.settings), policy, seed))
 
 
 def check(definition: Definition) -> None:
@@ -184,20 +182,19 @@ def settings_as(wanted: type[T], given: Mapping[str, Setting]) -> T:
         raise ValueError(in_words(str(error))) from None
 
 
-def _made(group: str, what: str, plugin: Plugin, *rest: object) -> Any:
-    """Return what a plug-in makes of its settings; those come before all of ``rest`` but a learner's actions."""
-    known = installed(group)
-    if plugin.name not in known:
-        names = ", ".join(sorted(known)) or "nothing that is installed"
+def _build(group: str, what: str, plugin: Plugin, construct: Callable[[Callable[..., T]], T]) -> T:
+    """Load a plug-in's class, call ``construct`` with it and return the result. Raises PluginError."""
+    points = installed(group)
+    if plugin.name not in points:
+        names = ", ".join(sorted(points)) or "nothing that is installed"
         raise PluginError(f"{what}.name: expected one of {names}, got {plugin.name!r}; is its package installed?")
-    point = known[plugin.name]
+    point = points[plugin.name]
     try:
         kind = point.load()
     except Exception as error:  # an import runs whatever code the package has
         raise PluginError(f"{what} {plugin.name!r}: {point.value} cannot be loaded: {_line(error)}") from error
-    leading, trailing = rest[:1], rest[1:]
     try:
-        return kind(*leading, dict(plugin.settings), *trailing)
+        return construct(kind)
     except (TypeError, ValueError) as error:
         raise PluginError(f"{what} {plugin.name!r}: settings: {_line(error)}") from error
 

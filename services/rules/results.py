@@ -159,14 +159,14 @@ def summary(
     definition: Definition, definition_sha256: str, runs: Sequence[RunResult], swaps: Sequence[Swap] = ()
 ) -> Summary:
     """Return the content of ``summary.json``, runs in the given order. Raises ValueError for a run without episodes."""
-    found: Summary = {
+    result: Summary = {
         "experiment": definition.name,
         "definition_sha256": definition_sha256,
         "runs": [run_summary(run) for run in runs],
     }
     if swaps:
-        found["swaps"] = [words(swap) for swap in swaps]
-    return found
+        result["swaps"] = [words(swap) for swap in swaps]
+    return result
 
 
 def _block(episodes: Sequence[EpisodeSummary]) -> Block:

@@ -182,11 +182,11 @@ def _sound(payload: bytes, skill: Skill) -> NamedSkill:
         if expected != got:
             raise BadPayloadError(f"skill: {name}: expected {expected} as its definition has, got {one_line(got, 80)}")
     learnt = in_force(definition, skill.swaps)
-    if found := contradiction(learnt):
-        raise BadPayloadError(f"skill: swaps: {found[0]}: {found[1]}")
+    if conflict := contradiction(learnt):
+        raise BadPayloadError(f"skill: swaps: {conflict[0]}: {conflict[1]}")
     # What a plug-in's memory has to look like, only the plug-in knows.
-    known = not isinstance(learnt.learner, Plugin)
-    states = check_agent(skill.agent, len(skill.actions)) if known else number(skill.agent, "states")
+    built_in = not isinstance(learnt.learner, Plugin)
+    states = check_agent(skill.agent, len(skill.actions)) if built_in else number(skill.agent, "states")
     if isinstance(learnt.classifier, Plugin):
         classes = number(skill.classifier, "states")
     else:

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from services.rules import plugins
 from services.wire.definition import TD_LEARNERS, ClassifierSettings, Definition, LearnerSettings, Plugin, Policy
-from services.wire.definition_file import changed
+from services.wire.definition_file import with_overrides
 from services.wire.definition_rules import contradiction
 from services.wire.errors import SwapError
 from services.wire.message_base import MOST_SWAPS
@@ -31,7 +31,7 @@ SPEC_HELP = "swap from an episode on, as in 100:agent:learner=sarsa or 100:class
 _GROUPS = {"classifier": plugins.CLASSIFIERS, "learner": plugins.LEARNERS}
 _TABLES = {"classifier": "classifier", "agent": "learner"}
 
-Swapped = Literal["classifier", "agent"]
+WorkerName = Literal["classifier", "agent"]
 
 
 class Wish(NamedTuple):
@@ -54,12 +54,12 @@ def known_in(swaps: Sequence[Swap], episode: int) -> int:
     return sum(swap.episode <= episode for swap in swaps)
 
 
-def fresh_at(swaps: Iterable[Swap], episode: int, service: Swapped) -> bool:
+def fresh_at(swaps: Iterable[Swap], episode: int, service: WorkerName) -> bool:
     """Return whether a worker begins an episode with nothing learnt."""
     return any(swap.episode == episode and service in swap.fresh for swap in swaps)
 
 
-def fresh_after(before: Definition, after: Definition) -> tuple[Swapped, ...]:
+def fresh_after(before: Definition, after: Definition) -> tuple[WorkerName, ...]:
     """Return who begins with nothing learnt when one definition takes the place of another."""
     if before.classifier != after.classifier:
         return ("classifier", "agent")
@@ -68,7 +68,7 @@ def fresh_after(before: Definition, after: Definition) -> tuple[Swapped, ...]:
     return ()
 
 
-def made(definition: Definition, swaps: Sequence[Swap], request: SwapRequest, episode: int) -> Swap:
+def swap_for(definition: Definition, swaps: Sequence[Swap], request: SwapRequest, episode: int) -> Swap:
     """Return the swap that a request asks for, from ``episode`` on, after those that a run has.
 
     Raises SwapError or PluginError when it changes nothing, or asks for what cannot be.
@@ -92,13 +92,13 @@ def made(definition: Definition, swaps: Sequence[Swap], request: SwapRequest, ep
         raise SwapError(f"swap: expected episode {swaps[-1].episode} or later, as a swap is set for it, got {episode}")
     if len(msgspec.json.encode(asked)) > LARGEST_BYTES:
         raise SwapError(f"swap: expected at most {LARGEST_BYTES} bytes of settings, got more")
-    if found := contradiction(after):
-        raise SwapError(f"swap: {found[0]}: {found[1]}")
+    if conflict := contradiction(after):
+        raise SwapError(f"swap: {conflict[0]}: {conflict[1]}")
     plugins.check(after)
     return replace(asked, fresh=fresh_after(before, after))
 
 
-def asked_for(
+def request_for(
     run: str, now: Definition, wish: Wish, episode: int | None, request: str | None = None, after: int | None = None
 ) -> SwapRequest:
     """Return the request for a wish in a run where ``now`` is in force; by default it is named by its content.
@@ -107,7 +107,7 @@ def asked_for(
 
     Raises SwapError, DefinitionError or PluginError for what is not there or does not fit.
     """
-    wished = _wished(now, wish)
+    wished = _with_wish(now, wish)
     tables = {name: getattr(wished, name) for name in ("classifier", "learner", "policy")}
     different = {name: table for name, table in tables.items() if table != getattr(now, name)}
     if not different:
@@ -123,10 +123,10 @@ def planned(run: str, definition: Definition, specs: Iterable[str], episodes: in
     Raises SwapError, DefinitionError or PluginError.
     """
     swaps: tuple[Swap, ...] = ()
-    for episode, wish in sorted((spec(text) for text in specs), key=lambda found: found[0]):
+    for episode, wish in sorted((spec(text) for text in specs), key=lambda item: item[0]):
         check_episode(episode, 1, episodes)
         now = in_force(definition, swaps)
-        swaps += (made(definition, swaps, asked_for(run, now, wish, episode), episode),)
+        swaps += (swap_for(definition, swaps, request_for(run, now, wish, episode), episode),)
     return swaps
 
 
@@ -174,24 +174,24 @@ def words(swap: Swap) -> str:
     return f"from episode {swap.episode}: {' and '.join(parts)}; {kept}"
 
 
-def _wished(now: Definition, wish: Wish) -> Definition:
+def _with_wish(now: Definition, wish: Wish) -> Definition:
     """Return a definition as somebody wants it. Raises SwapError or DefinitionError."""
     table = _TABLES[wish.service]
     fields: dict[str, object] = msgspec.to_builtins(now)
     overrides = []
     # The kind first, whatever the order: settings belong to the kind that is wanted.
-    for said in sorted(wish.settings, key=lambda said: said.partition("=")[0].strip() not in (table, "policy")):
-        key, _, value = (part.strip() for part in said.partition("="))
+    for setting in sorted(wish.settings, key=lambda text: text.partition("=")[0].strip() not in (table, "policy")):
+        key, _, value = (part.strip() for part in setting.partition("="))
         if key == table:
             fields[table] = _table(now, table, value)
         elif wish.service == "agent" and key == "policy":
             overrides.append(f"policy.kind={value}")
         elif wish.service == "agent" and key.startswith("policy."):
-            overrides.append(said)
+            overrides.append(setting)
         else:
             prefix = f"{table}.settings" if _kind(fields, table) == "plugin" else table
-            overrides.append(f"{prefix}.{said}")
-    return changed(fields, overrides, "swap")
+            overrides.append(f"{prefix}.{setting}")
+    return with_overrides(fields, overrides, "swap")
 
 
 def _table(now: Definition, table: str, kind: str) -> dict[str, object]:
@@ -204,10 +204,10 @@ def _table(now: Definition, table: str, kind: str) -> dict[str, object]:
         return {**fields, "kind": kind}  # what both know carries over
     if kind in BUILT_IN[table]:
         return {"kind": kind}
-    known = (*BUILT_IN[table], *sorted(plugins.installed(_GROUPS[table])))
-    kind = kind if kind in known else kind.replace("_", "-")
-    if kind not in known:
-        raise SwapError(f"swap: {table}: expected one of {', '.join(known)}, got {kind[:64]!r}")
+    kinds = (*BUILT_IN[table], *sorted(plugins.installed(_GROUPS[table])))
+    kind = kind if kind in kinds else kind.replace("_", "-")
+    if kind not in kinds:
+        raise SwapError(f"swap: {table}: expected one of {', '.join(kinds)}, got {kind[:64]!r}")
     return {"kind": "plugin", "name": kind, "settings": {}}
 
 

@@ -42,12 +42,12 @@ class Timeline:
 
         Raises GapError when some that are in force are not known here, and DivergedError when there should be fewer.
         """
-        known = known_in(self.known, message.episode)
-        if known < message.swaps:
-            raise GapError(f"swaps: expected to know {message.swaps} for episode {message.episode}, know {known}")
-        if known > message.swaps or message.swaps < self.made:
-            expected = max(known, self.made)
+        count = known_in(self.known, message.episode)
+        if count < message.swaps:
+            raise GapError(f"swaps: expected to know {message.swaps} for episode {message.episode}, know {count}")
+        if count > message.swaps or message.swaps < self.made:
+            expected = max(count, self.made)
             raise DivergedError(
                 f"swaps: expected {expected} in force in episode {message.episode}, got {message.swaps}"
             )
-        return self.known[self.made : known]
+        return self.known[self.made : count]

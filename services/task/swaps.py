@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from services.bus.service import Service
 from services.rules.plugins import PluginError
-from services.rules.swaps import check_episode, made, words
+from services.rules.swaps import check_episode, swap_for, words
 from services.task.journal import read, wait_for_store
 from services.wire import messages
 from services.wire.errors import CellError, NoAnswerError, SwapError
@@ -29,7 +29,7 @@ class Swaps:
     def resume(self, stored: tuple[Swap, ...]) -> None:
         """Take over what the store has. Raises CellError for what no request can have made."""
         record = self._record
-        known: tuple[Swap, ...] = ()
+        earlier: tuple[Swap, ...] = ()
         for swap in stored:
             request = SwapRequest(
                 run=record.run,
@@ -40,13 +40,13 @@ class Swaps:
                 policy=swap.policy,
             )
             try:
-                expected = made(record.definition, known, request, swap.episode)
+                expected = swap_for(record.definition, earlier, request, swap.episode)
             except (SwapError, PluginError) as error:
-                raise CellError(f"store: {self._name}: swap {len(known) + 1} cannot be: {error}") from error
+                raise CellError(f"store: {self._name}: swap {len(earlier) + 1} cannot be: {error}") from error
             if swap != expected:
-                raise CellError(f"store: {self._name}: swap {len(known) + 1}: expected {expected}, got {swap}")
-            known += (swap,)
-        self._all = self.confirmed = known
+                raise CellError(f"store: {self._name}: swap {len(earlier) + 1}: expected {expected}, got {swap}")
+            earlier += (swap,)
+        self._all = self.confirmed = earlier
 
     def ask(self, request: SwapRequest, first: int, episodes: int) -> Swapped:
         """Do what a request asks for, in an episode from ``first`` on, and return it once the store has it.
@@ -57,13 +57,13 @@ class Swaps:
         record = self._record
         if request.run != record.run:
             raise SwapError(f"swap: expected run {record.run}, got {request.run}", "foreign_run")
-        known = self._number(request)
-        if known is None:
+        number = self._number(request)
+        if number is None:
             self._add(request, first, episodes)
-            known = len(self._all) - 1
-        if known >= len(self.confirmed) and not self._confirm():
+            number = len(self._all) - 1
+        if number >= len(self.confirmed) and not self._confirm():
             raise SwapError("swap: the store does not confirm it; ask again with the same request", "not_ready")
-        return Swapped(run=record.run, number=known + 1, swap=self._all[known])
+        return Swapped(run=record.run, number=number + 1, swap=self._all[number])
 
     def plan(self, planned: tuple[Swap, ...], first: int) -> None:
         """Add swaps that the run shall have from its beginning, unless it has them. Raises SwapError if it is late."""
@@ -91,7 +91,7 @@ class Swaps:
             raise SwapError(f"swap: {expected}, {got}", "out_of_order")
         episode = first if request.episode is None else request.episode
         check_episode(episode, first, episodes)
-        self._all += (made(self._record.definition, self._all, request, episode),)
+        self._all += (swap_for(self._record.definition, self._all, request, episode),)
 
     def _number(self, request: SwapRequest) -> int | None:
         """Return which swap a request that came before has become. Raises SwapError when it was another request."""

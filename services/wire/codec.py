@@ -72,8 +72,8 @@ def decode_payload(kind: type[M], payload: bytes) -> M:
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         got = f"{len(payload)} bytes: {one_line(str(error))}"
         raise BadPayloadError(f"{kind.__name__}: expected a MessagePack map, got {got}") from error
-    if isinstance(message, Experiment | RunRecord | Skill) and (found := contradiction(message.definition)):
-        raise BadPayloadError(f"{kind.__name__}: definition: {found[0]}: {found[1]}")
+    if isinstance(message, Experiment | RunRecord | Skill) and (conflict := contradiction(message.definition)):
+        raise BadPayloadError(f"{kind.__name__}: definition: {conflict[0]}: {conflict[1]}")
     return message
 
 

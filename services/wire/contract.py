@@ -53,7 +53,7 @@ def _type(kind: type[Message] | type[JournalStep] | type[Swap]) -> Iterator[str]
     yield "|---|---|---|"
     hints = hints_of(kind)
     for name in kind.__struct_fields__:
-        text, bounds = described(hints[name])
+        text, bounds = describe(hints[name])
         yield f"| `{name}` | {text} | {bounds} |"
 
 
@@ -62,7 +62,7 @@ def hints_of(kind: type[Struct]) -> dict[str, object]:
     return typing.get_type_hints(kind, include_extras=True)
 
 
-def described(hint: object) -> tuple[str, str]:
+def describe(hint: object) -> tuple[str, str]:
     """Return a type in words, and its range."""
     bounds: list[str] = []
     while typing.get_origin(hint) is typing.Annotated:
@@ -74,7 +74,7 @@ def described(hint: object) -> tuple[str, str]:
     if isinstance(hint, type) and not typing.get_args(hint):
         return hint.__name__, ", ".join(bounds)
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
-    inside = [described(part) for part in arguments if part not in (Ellipsis, type(None))]
+    inside = [describe(part) for part in arguments if part not in (Ellipsis, type(None))]
     words = [word for word, _ in inside]
     inner = dict.fromkeys(limit for _, limit in inside if limit)
     limits = ", ".join([*bounds, *inner])

@@ -43,17 +43,17 @@ def shipped() -> dict[str, Path]:
 
 def find(name_or_path: str) -> Path:
     """Return the file of a shipped definition's name, or of a user's own file."""
-    known = shipped()
-    if name_or_path in known:
-        return known[name_or_path]
+    file_of = shipped()
+    if name_or_path in file_of:
+        return file_of[name_or_path]
     path = Path(name_or_path)
     with suppress(OSError):  # a name that is too long for a file
         if path.is_file():
             return path
-    close = difflib.get_close_matches(name_or_path, known, n=1)
+    close = difflib.get_close_matches(name_or_path, file_of, n=1)
     hint = f"; did you mean {close[0]!r}?" if close else ""
     got = f"{one_line(name_or_path)!r}, which is neither{hint}"
-    raise DefinitionError(f"experiment: expected one of {', '.join(known)} or a TOML file, got {got}")
+    raise DefinitionError(f"experiment: expected one of {', '.join(file_of)} or a TOML file, got {got}")
 
 
 def load(name_or_path: str, overrides: Iterable[str] = ()) -> Definition:
@@ -80,16 +80,16 @@ def parse(raw: bytes, source: str, overrides: Iterable[str] = ()) -> Definition:
         key = _apply(fields, override)
         for end in _ends(key):
             if key[:end] not in places or end == len(key):
-                places[key[:end]] = _said(override)
+                places[key[:end]] = _option(override)
     return check(fields, places, source)
 
 
-def changed(fields: dict[str, object], overrides: Iterable[str], source: str) -> Definition:
+def with_overrides(fields: dict[str, object], overrides: Iterable[str], source: str) -> Definition:
     """Return the checked definition in ``fields`` after overrides such as ``learner.alpha=0.1``; they are changed.
 
     ``source`` names it in errors. Raises DefinitionError.
     """
-    places = {_apply(fields, override): _said(override) for override in overrides}
+    places = {_apply(fields, override): _option(override) for override in overrides}
     return check(fields, places, source)
 
 
@@ -99,20 +99,20 @@ def check(fields: Mapping[str, object], places: Mapping[str, str], source: str) 
         definition = msgspec.convert(_with_kinds(fields), Definition)
     except msgspec.ValidationError as error:
         raise DefinitionError(one_line(_explain(in_words(str(error)), fields, places, source), 1000)) from None
-    if found := contradiction(definition):
-        key, complaint = found
+    if conflict := contradiction(definition):
+        key, complaint = conflict
         raise DefinitionError(f"{_place(key, places, source)}: {key}: {complaint}")
     return definition
 
 
 def _with_kinds(fields: Mapping[str, object]) -> dict[str, object]:
     """Return fields with the kinds that need not be named."""
-    named = dict(fields)
+    tables = dict(fields)
     for table, kind in _USUAL_KINDS.items():
-        values = named.get(table)
+        values = tables.get(table)
         if isinstance(values, dict):
-            named[table] = {"kind": kind, **values}
-    return named
+            tables[table] = {"kind": kind, **values}
+    return tables
 
 
 def definition_sha256(definition: Definition) -> str:
@@ -162,17 +162,17 @@ def _toml(text: str, source: str) -> dict[str, object]:
 
 def _apply(fields: dict[str, object], override: str) -> str:
     """Set one dotted key to a TOML value (or a bare word) and return the key."""
-    said = _said(override)
+    option = _option(override)
     key, equals, value = override.partition("=")
     key = key.strip()
     if len(override) > _MAX_LINE:
-        raise DefinitionError(f"{said}: expected at most {_MAX_LINE} characters, got {len(override)}")
+        raise DefinitionError(f"{option}: expected at most {_MAX_LINE} characters, got {len(override)}")
     if not equals or not re.fullmatch(r"[A-Za-z0-9_]+(\.[A-Za-z0-9_]+)*", key):
-        raise DefinitionError(f"{said}: expected key=value, such as start.x_mm=2.0")
+        raise DefinitionError(f"{option}: expected key=value, such as start.x_mm=2.0")
     try:
         values: dict[str, object] = tomllib.loads(f"value = {value}")
         if len(values) > 1:
-            raise DefinitionError(f"{said}: expected one value, got several lines")
+            raise DefinitionError(f"{option}: expected one value, got several lines")
         parsed = values["value"]
     except (ValueError, RecursionError):
         parsed = value.strip()
@@ -181,7 +181,7 @@ def _apply(fields: dict[str, object], override: str) -> str:
     for table in tables:
         child = node.setdefault(table, {})
         if not isinstance(child, dict):
-            raise DefinitionError(f"{said}: {table} is a value, not a table")
+            raise DefinitionError(f"{option}: {table} is a value, not a table")
         node = child
     if last == "kind" and node.get("kind") != parsed:
         node.clear()  # the settings of another kind do not carry over
@@ -189,7 +189,7 @@ def _apply(fields: dict[str, object], override: str) -> str:
     return key
 
 
-def _said(override: str) -> str:
+def _option(override: str) -> str:
     """Return what was said on the command line, for errors."""
     return f"--set {one_line(override)}"
 
@@ -217,11 +217,11 @@ def _explain(error: str, fields: Mapping[str, object], places: Mapping[str, str]
     what, path = (match.group("what"), match.group("path") or "") if match else (error, "")
     if unknown := _UNKNOWN.search(what):
         key = f"{path}.{unknown.group(1)}".lstrip(".")
-        known = _known_keys(path)
-        if unknown.group(1) in known:
+        keys = _keys_of(path)
+        if unknown.group(1) in keys:
             return f"{_place(key, places, source)}: {key}: not a key of this kind of {path}"
-        close = difflib.get_close_matches(unknown.group(1), known, n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else f"; expected one of {', '.join(known)}" if known else ""
+        close = difflib.get_close_matches(unknown.group(1), keys, n=1)
+        hint = f"; did you mean {close[0]!r}?" if close else f"; expected one of {', '.join(keys)}" if keys else ""
         return f"{_place(key, places, source)}: {key}: unknown key{hint}"
     got = _value(fields, path)
     if what.startswith("Invalid"):
@@ -256,7 +256,7 @@ def _choices(path: str) -> list[str]:
     return [repr(value) for hint in hints for value in get_args(hint)]
 
 
-def _known_keys(path: str) -> list[str]:
+def _keys_of(path: str) -> list[str]:
     """Return the keys that a table of the definition may have, over all its kinds."""
     return sorted({name for kind in _structs(path) for name in kind.__struct_fields__})
 

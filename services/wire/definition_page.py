@@ -17,7 +17,7 @@ from typing import Any, NamedTuple, get_args
 import msgspec
 from msgspec import NODEFAULT, Struct
 
-from services.wire.contract import described, hints_of
+from services.wire.contract import describe, hints_of
 from services.wire.definition import Definition
 
 _UNITS = (
@@ -97,15 +97,15 @@ def keys(kind: type[Struct]) -> list[Key]:
     """Return the keys of one table, without the tables in it."""
     hints, meanings = hints_of(kind), _meanings(kind.__name__)
     defaults = {field.name: field.default for field in msgspec.structs.fields(kind)}
-    defaults |= {field.name: field.default_factory() for field in msgspec.structs.fields(kind) if _made(field)}
+    defaults |= {field.name: field.default_factory() for field in msgspec.structs.fields(kind) if _has_factory(field)}
     return [
-        Key(name, _unit(name), *described(hints[name]), defaults[name], meanings.get(name, ""))
+        Key(name, _unit(name), *describe(hints[name]), defaults[name], meanings.get(name, ""))
         for name in kind.__struct_fields__
         if not _structs(hints[name])
     ]
 
 
-def _made(field: msgspec.structs.FieldInfo) -> bool:
+def _has_factory(field: msgspec.structs.FieldInfo) -> bool:
     return field.default_factory is not NODEFAULT
 
 
@@ -120,8 +120,8 @@ def _toml(kind: type[Struct], given: dict[str, str]) -> Iterator[str]:
 def tables() -> list[tuple[str, list[type[Struct]]]]:
     """Return the tables of a definition, each with the kinds that it may be of, the usual one first."""
     usual = {field.name: type(field.default) for field in msgspec.structs.fields(Definition)}
-    found = ((name, _structs(hint)) for name, hint in hints_of(Definition).items())
-    return [(name, sorted(kinds, key=lambda kind: kind is not usual[name])) for name, kinds in found if kinds]
+    kinds_of = ((name, _structs(hint)) for name, hint in hints_of(Definition).items())
+    return [(name, sorted(kinds, key=lambda kind: kind is not usual[name])) for name, kinds in kinds_of if kinds]
 
 
 def _structs(hint: object) -> list[type[Struct]]:

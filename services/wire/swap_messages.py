@@ -11,7 +11,7 @@ from services.wire.message_base import LONGEST_RUN, MOST_SWAPS, Message, Request
 
 
 class Swap(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """One swap of a run: what learns from an episode on. What is none stays as it is."""
+    """One swap of a run: what learns from an episode on. Tables that are None stay as they are."""
 
     request: RequestId
     """Name of the request for it: asked for again, it is not done again."""

@@ -73,7 +73,7 @@ def one_line(text: str, most: int = 300) -> str:
     """
     if len(text) > most:
         text = f"{text[: most - 3]}..."
-    return text if text.isprintable() else "".join(one if one.isprintable() else "?" for one in text)
+    return text if text.isprintable() else "".join(character if character.isprintable() else "?" for character in text)
 
 
 def spans(numbers: Iterable[int]) -> str:

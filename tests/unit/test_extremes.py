@@ -20,7 +20,7 @@ from services.classifier.fold import ClassifierFold
 from services.rules import skill
 from services.rules.guard import Guard
 from services.rules.results import RunResult, run_summary
-from services.rules.swaps import made
+from services.rules.swaps import swap_for
 from services.rules.timeline import Timeline
 from services.sim.service import work as simulate
 from services.store.contents import check
@@ -212,7 +212,7 @@ READERS: dict[type[Message], tuple[Callable[[Any], object], ...]] = {
     Checkpoint: (_checkpoint,),
     Skill: (_skill,),
     Swaps: (lambda message: Timeline(DEFINITION).learn_of(message.swaps),),
-    SwapRequest: (lambda message: made(DEFINITION, (), message, message.episode or 1),),
+    SwapRequest: (lambda message: swap_for(DEFINITION, (), message, message.episode or 1),),
 }
 
 

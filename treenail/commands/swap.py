@@ -11,7 +11,7 @@ import msgspec
 
 from services.cell import client
 from services.cell.client import Client
-from services.rules.swaps import Wish, asked_for, in_force, words
+from services.rules.swaps import Wish, in_force, request_for, words
 from services.wire.errors import NoAnswerError, RefusedError, SwapError
 from services.wire.keys import EXPERIMENT, SWAP
 from services.wire.messages import Experiment, Swapped, SwapRequest
@@ -71,7 +71,7 @@ def swap(cell: Client, wish: Wish, episode: int | None, within_s: float) -> Swap
     running = cell.ask(EXPERIMENT, Experiment)
     while True:
         now, after = in_force(running.definition, running.swaps), len(running.swaps)
-        request = asked_for(running.run, now, wish, episode, uuid.uuid4().hex, after)
+        request = request_for(running.run, now, wish, episode, uuid.uuid4().hex, after)
         try:
             return ask(cell, request, max(0.0, deadline - time.monotonic()))
         except RefusedError as error:

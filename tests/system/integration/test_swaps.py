@@ -16,7 +16,7 @@ import pytest
 from experiments.lab.in_process import InProcessRun
 from services.bus.answers import answer_in
 from services.rules.results import episodes_digest
-from services.rules.swaps import asked_for, in_force, planned, spec
+from services.rules.swaps import in_force, planned, request_for, spec
 from services.wire.codec import encode, encoding_of
 from services.wire.definition import QLearning, Softmax
 from services.wire.definition_file import load
@@ -51,7 +51,7 @@ class Operator:
         """Return a request for what stands in words, under a new name."""
         experiment = self.live.experiment()
         now = in_force(experiment.definition, experiment.swaps)
-        return asked_for(experiment.run, now, spec(f"1:{words}")[1], episode, uuid.uuid4().hex)
+        return request_for(experiment.run, now, spec(f"1:{words}")[1], episode, uuid.uuid4().hex)
 
     def send(self, payload: bytes, encoding: str = encoding_of(SwapRequest)) -> list[Swapped | Refusal]:
         """Return all answers to a payload on the key."""

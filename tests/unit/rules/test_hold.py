@@ -61,7 +61,7 @@ def test_a_motion_that_is_made_ends_the_count() -> None:
     hold = Hold(by_itself=True, t_ns=1)
     for number in range(10 * MOST_FAILED):
         hold.failed("robot: refused", number, 0.0)
-        hold.made()
+        hold.succeeded()
     hold.check(1e9)
 
 
@@ -83,7 +83,7 @@ def test_nothing_but_the_right_name_frees_a_real_arm(events: list[str]) -> None:
         elif event == "failed":
             hold.failed("robot: refused", t_ns, 0.0)
         elif event == "made":
-            hold.made()
+            hold.succeeded()
         elif hold.stop.stop_t_ns != name:
             with pytest.raises(StoppedError):
                 hold.resume(Resume(stop_t_ns=name))

@@ -7,14 +7,14 @@ from msgspec.structs import replace
 
 from services.rules.swaps import (
     Wish,
-    asked_for,
     fresh_after,
     fresh_at,
     in_force,
     known_in,
-    made,
     planned,
+    request_for,
     spec,
+    swap_for,
     words,
 )
 from services.wire.definition import Art2Settings, Definition, Greedy, Plugin, QLearning, Sarsa, Softmax
@@ -84,10 +84,10 @@ def test_swaps_add_up_in_their_order() -> None:
     ids=str,
 )
 def test_a_wish_becomes_the_tables_that_change(wish: Wish, tables: dict[str, object]) -> None:
-    found = asked_for("r", BEGUN, wish, None, "0f" * 16)
+    found = request_for("r", BEGUN, wish, None, "0f" * 16)
     expected: dict[str, object] = {"classifier": None, "learner": None, "policy": None}
     assert {name: getattr(found, name) for name in expected} == expected | tables
-    assert in_force(BEGUN, [made(BEGUN, (), found, 3)]) == replace(BEGUN, **tables)
+    assert in_force(BEGUN, [swap_for(BEGUN, (), found, 3)]) == replace(BEGUN, **tables)
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_a_wish_becomes_the_tables_that_change(wish: Wish, tables: dict[str, obj
 )
 def test_a_wish_that_cannot_be_is_an_error_of_one_line(wish: Wish, said: str) -> None:
     with pytest.raises((SwapError, DefinitionError), match=said) as caught:
-        asked_for("r", BEGUN, wish, None)
+        request_for("r", BEGUN, wish, None)
     assert "\n" not in str(caught.value)
 
 
@@ -138,16 +138,16 @@ def test_a_plan_is_within_the_run(episode: int) -> None:
 )
 def test_a_request_that_cannot_be_is_refused(tables: dict[str, object], said: str) -> None:
     with pytest.raises(TreenailError, match=said):
-        made(BEGUN, (), request(**tables), 3)
+        swap_for(BEGUN, (), request(**tables), 3)
 
 
 def test_a_swap_cannot_go_before_another_and_there_is_an_end_to_them() -> None:
     first = Swap(request="ab" * 16, episode=5, policy=Greedy())
     with pytest.raises(SwapError, match="expected episode 5 or later"):
-        made(BEGUN, (first,), request(learner=Sarsa()), 4)
-    assert made(BEGUN, (first,), request(learner=Sarsa()), 5).episode == 5
+        swap_for(BEGUN, (first,), request(learner=Sarsa()), 4)
+    assert swap_for(BEGUN, (first,), request(learner=Sarsa()), 5).episode == 5
     with pytest.raises(SwapError, match=f"at most {MOST_SWAPS}"):
-        made(BEGUN, (first,) * MOST_SWAPS, request(learner=Sarsa()), 5)
+        swap_for(BEGUN, (first,) * MOST_SWAPS, request(learner=Sarsa()), 5)
 
 
 def test_words_tell_what_is_lost() -> None:
