@@ -2,52 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Set
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import msgspec
 
+from experiments.fuzz.golden import golden
 from experiments.fuzz.mutate import Node
 from experiments.lab.skills import skill_from
 from services.agent.fold import AgentFold
 from services.classifier.fold import ClassifierFold
-from services.wire.actions import action_names
 from services.wire.codec import contract_sha256
-from services.wire.definition import Definition, Sarsa
+from services.wire.definition import Definition
 from services.wire.definition_file import definition_sha256, run_id, shipped
 from services.wire.messages import (
     Action,
-    Alive,
     Checkpoint,
-    Classified,
-    ClassifierStates,
-    Complete,
     EpisodeSummary,
-    Experiment,
     Force,
-    FtPacket,
-    Home,
     JournalEpisode,
     JournalStep,
     Message,
-    Move,
-    Moved,
     Observation,
-    PolicyAnswer,
-    QTable,
-    Refusal,
-    Resume,
     Reward,
     RunRecord,
     Skill,
     State,
-    Stop,
-    Swap,
-    Swapped,
-    SwapRequest,
-    Swaps,
-    Truth,
 )
 
 DEFINITION = Definition(name="fuzz")
@@ -56,7 +38,6 @@ RUN = run_id(DEFINITION, SEED)
 DIRECTIONS: tuple[Force, ...] = ((0.0, 0.0, -2.0), (1.5, 0.0, -0.5), (-1.0, 1.0, -0.25), (0.0, -3.0, -1.0))
 Place = dict[str, Any]
 TORQUE: Force = (0.01, -0.02, 0.0)
-SWAP = Swap(request="0f" * 16, episode=4, learner=Sarsa())
 
 
 @dataclass
@@ -99,7 +80,8 @@ def small_run() -> SmallRun:
         agent.reward(reward)
         said += [observation, state, action, reward]
         steps.append(_step(observation, state, action, reward))
-    return SmallRun(agent, classifier, [*said, *_stored(agent, classifier, steps), *_answers(agent), *_motions()])
+    said += _stored(agent, classifier, steps)
+    return SmallRun(agent, classifier, [*said, *_others({type(message) for message in said})])
 
 
 def definitions() -> list[bytes]:
@@ -156,84 +138,9 @@ def _stored(agent: AgentFold, classifier: ClassifierFold, steps: list[JournalSte
     ]
 
 
-def _answers(agent: AgentFold) -> list[Message]:
-    """Return what services would answer, with numbers of nobody's in particular."""
-    names = action_names(DEFINITION.moves)
-    zeros, none = (0.0,) * len(names), (0,) * len(names)
-    place: Place = {"run": RUN, "decisions": 8}
-    digest = "0f" * 32
-    return [
-        QTable(
-            **place,
-            policy_version=8,
-            actions=names,
-            q=(zeros, zeros),
-            visits=(none, none),
-            best_action=(0, 4),
-            digest=digest,
-        ),
-        PolicyAnswer(
-            run=RUN,
-            policy_version=8,
-            state=1,
-            match=0.98,
-            known=True,
-            actions=names,
-            values=zeros,
-            probabilities=zeros,
-            visits=none,
-            best_action=4,
-        ),
-        ClassifierStates(
-            **place, states=2, encoding="odd", prototypes=((1.0,) * 6, (-0.5,) * 6), counts=(3, 5), digest=digest
-        ),
-        Classified(**place, states=2, state=None, match=-1.0),
-        SwapRequest(run=RUN, request="0f" * 16, after=1, episode=4, classifier=DEFINITION.classifier),
-        Swapped(run=RUN, number=1, swap=SWAP),
-        Swaps(run=RUN, swaps=(SWAP,)),
-        Experiment(
-            run=RUN,
-            seed=SEED,
-            definition=DEFINITION,
-            definition_sha256=definition_sha256(DEFINITION),
-            skill_sha256=None,
-            first_policy_version=0,
-            episodes=60,
-            episodes_done=1,
-            decisions=8,
-            phase="running",
-            swaps=(SWAP,),
-        ),
-        Complete(values=3),
-        Refusal(reason="guard", message="guard: dz_mm: expected 0.0 to 0.2, got -0.2"),
-        Resume(stop_t_ns=1),
-        Stop(stop_t_ns=1, why="robot: arm power off"),
-        Alive(
-            service="agent",
-            instance="00000000000000000001-abcdef01",
-            host="cell",
-            pid=4711,
-            version="0.1.0",
-            contract_sha256=contract_sha256(),
-            started_t_ns=1_700_000_000_000_000_000,
-            beat=3,
-            handled=200,
-            refused={"BadPayloadError": 2},
-            run=RUN,
-            phase="waiting for store",
-        ),
-    ]
-
-
-def _motions() -> list[Message]:
-    """Return what goes between task, robot and sensor."""
-    place: Place = {"run": RUN, "episode": 0}
-    pose = (0.5, -0.25, 1.0, 1.0, 0.0, 0.0, 0.0)
-    return [
-        Home(**place, x_mm=1.6, y_mm=-2.2, z_mm=-1.0, rx_deg=1.8, ry_deg=0.4, rz_deg=0.0),
-        Move(**place, step=1, dz_mm=0.2),
-        Moved(**place, step=1, arrived_t_ns=20_000_000, dz_mm=0.2),
-        FtPacket(sequence=1, t_ns=20_000_000, force_n=(DIRECTIONS[1],), torque_nm=(TORQUE,)),
-        FtPacket(sequence=8, t_ns=10**9, period_ns=125_000, force_n=DIRECTIONS, torque_nm=(TORQUE,) * len(DIRECTIONS)),
-        Truth(**place, step=1, flange=pose, peg=pose, contact="one point"),
-    ]
+def _others(made: Set[type[Message]]) -> Iterator[Message]:
+    """Give what is asked, answered and moved besides, of the types not made yet: the golden messages, in this run."""
+    for message in (row.message for row in golden()):
+        if type(message) not in made:
+            of_a_run = getattr(message, "run", None) is not None
+            yield msgspec.structs.replace(message, run=RUN) if of_a_run else message

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import gc
-import importlib.util
 import subprocess
 import sys
 import tracemalloc
 import warnings
 from collections import Counter
-from pathlib import Path
 from random import Random
-from types import ModuleType
 
 import pytest
 
 from experiments.fuzz.campaign import Report, all_targets, campaign, input_of
+from experiments.fuzz.golden import golden
 from experiments.fuzz.mutate import mutate_bytes
 from experiments.fuzz.target import BrokenPromiseError, Target, outcome
 from experiments.fuzz.wire_targets import check_taken
@@ -26,16 +24,6 @@ from services.wire.messages import MESSAGES
 INPUTS = 20_000
 TARGETS = {target.name: target for target in all_targets()}
 EACH = -(-INPUTS // len(TARGETS))
-GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "test_messages.py"
-
-
-def golden() -> ModuleType:
-    """Return the module with the golden bytes of all messages."""
-    spec = importlib.util.spec_from_file_location("golden_messages", GOLDEN)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 def fails_with(error: Exception) -> Target:
@@ -66,11 +54,11 @@ def test_every_message_is_both_taken_and_refused() -> None:
 
 def test_golden_bytes_that_were_changed_are_taken_or_refused() -> None:
     rng, counts = Random(11), Counter[str]()
-    for encoding, payload in golden().GOLDEN:
+    for row in golden():
         for _ in range(200):
-            changed = mutate_bytes(rng, bytes.fromhex(payload))
+            changed = mutate_bytes(rng, bytes.fromhex(row.payload))
             try:
-                message = codec.decode_any(changed, encoding)
+                message = codec.decode_any(changed, row.encoding)
             except ContractError as error:
                 counts[type(error).__name__] += 1
             else:
