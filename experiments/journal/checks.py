@@ -6,25 +6,19 @@ what is known: exactly where that decides, as a bound where it does not.
 
 from __future__ import annotations
 
+import functools
 import math
+import operator
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple
 
+from experiments.journal.magnitudes import Trouble, magnitude_troubles
 from services.task.rewards import reward_of_move
 from services.wire.actions import INSERT
 from services.wire.definition import Definition, InsertionReward
 from services.wire.messages import EpisodeSummary, JournalStep
 
-_ROUNDING = 1e-9
-"""Relative room for a mean that is multiplied by its count again."""
-
-
-class Trouble(NamedTuple):
-    """Something in the journal that cannot be so."""
-
-    field: str
-    expected: str
-    got: str
+_DECIMALS = range(2, 10)
+"""A robot may make moves that are rounded to so many decimals."""
 
 
 def reward_trouble(
@@ -64,7 +58,8 @@ def summary_troubles(
         if expected != got:
             yield Trouble(field, repr(expected), repr(got))
     yield from _moves(definition, steps, summary)
-    yield from _magnitudes(definition, steps, summary)
+    yield from _outcome(definition, steps, summary)
+    yield from magnitude_troubles(definition, steps, summary)
 
 
 def _rewards(
@@ -104,39 +99,55 @@ def _moves(definition: Definition, steps: Sequence[JournalStep], summary: Episod
     least = limits.move_limit if summary.outcome == "move_limit" else steps[-1].step + 1 if steps else 0
     if not least <= summary.moves <= limits.move_limit:
         yield Trouble("moves", f"{least} to {limits.move_limit}", str(summary.moves))
-    aside = _without_progress(steps, summary.moves)
-    if summary.outcome == "no_progress" and not 0 < limits.no_progress_moves < aside:
-        expected = f"another outcome after {aside} moves without progress, limit {limits.no_progress_moves}"
-        yield Trouble("outcome", expected, summary.outcome)
 
 
-def _without_progress(steps: Sequence[JournalStep], moves: int) -> int:
-    """Return how many decisions at the end of an episode followed each other without one in +Z."""
-    count = 0
-    for step in reversed(steps):
-        if step.action == INSERT or step.step + 1 != moves - count:
+def _outcome(definition: Definition, steps: Sequence[JournalStep], summary: EpisodeSummary) -> Iterator[Trouble]:
+    """Hold an outcome against how the episode ended, and what came before against an earlier end."""
+    limits, outcome, moves = definition.limits, summary.outcome, summary.moves
+    if moves == 0 and outcome != "collision":
+        yield Trouble("outcome", "collision, as there was no move", outcome)
+    rows = _without_progress(steps)
+    aside = rows[-1] if steps and steps[-1].step + 1 == moves else 0
+    too_many = 0 < limits.no_progress_moves < aside
+    if too_many != (outcome == "no_progress") and not (too_many and outcome in ("collision", "inserted")):
+        expected = "another outcome" if outcome == "no_progress" else "no_progress"
+        expected += f" after {aside} moves without progress, limit {limits.no_progress_moves}"
+        yield Trouble("outcome", expected, outcome)
+    for step, row in zip(steps[:-1], rows, strict=False):
+        if 0 < limits.no_progress_moves < row:
+            expected = f"no decision after {row} moves without progress, limit {limits.no_progress_moves}"
+            yield Trouble("decisions", expected, f"more after step {step.step}")
             break
-        count += 1
-    return count
+    yield from _depth(definition, steps, summary)
 
 
-def _magnitudes(definition: Definition, steps: Sequence[JournalStep], summary: EpisodeSummary) -> Iterator[Trouble]:
-    """Hold means and peaks against the magnitudes that are known: those felt before each decision but at home."""
-    felt = [step for step in steps if step.step > 0]
-    forces_n = [math.hypot(*step.force_n) for step in felt]
-    torques_nm = [math.hypot(*step.torque_nm) for step in felt]
-    collision_n = definition.limits.collision_force_n
-    if summary.moves > 0 and (summary.outcome == "collision") != (summary.peak_force_n >= collision_n):
-        expected = "at least" if summary.outcome == "collision" else "below"
-        yield Trouble("peak_force_n", f"{expected} {collision_n:g} N ({summary.outcome})", repr(summary.peak_force_n))
-    rows = (
-        ("force_n", forces_n, summary.mean_force_n, summary.peak_force_n),
-        ("torque_nm", torques_nm, summary.mean_torque_nm, summary.peak_torque_nm),
-    )
-    for unit, known, mean, peak in rows:
-        if peak < max(known, default=0.0):
-            yield Trouble(f"peak_{unit}", f"at least {max(known)!r}", repr(peak))
-        moves, least = max(summary.moves, 1), math.fsum(known)
-        most = least + max(summary.moves - len(known), 0) * peak
-        if not (least / moves) * (1 - _ROUNDING) <= mean <= (most / moves) * (1 + _ROUNDING):
-            yield Trouble(f"mean_{unit}", f"{least / moves!r} to {most / moves!r}", repr(mean))
+def _without_progress(steps: Sequence[JournalStep]) -> list[int]:
+    """Return how many decisions up to each followed each other without one in +Z and without guidance."""
+    rows: list[int] = []
+    for index, step in enumerate(steps):
+        follows = index > 0 and step.step == steps[index - 1].step + 1
+        rows.append(0 if step.action == INSERT else 1 + (rows[-1] if follows else 0))
+    return rows
+
+
+def _depth(definition: Definition, steps: Sequence[JournalStep], summary: EpisodeSummary) -> Iterator[Trouble]:
+    """Hold the outcome against how far the arm was told to go in +Z: each move is guidance or a decision's."""
+    told = max(0, summary.moves - len(steps)) + sum(step.action == INSERT for step in steps)
+    by_guidance = not steps or summary.moves > steps[-1].step + 1
+    told_before = told - (1 if by_guidance or steps[-1].action == INSERT else 0)
+    wanted_mm = definition.limits.success_fraction * definition.parts.peg_height_mm
+    depths_mm, before_mm = _depths_mm(definition, told), _depths_mm(definition, told_before)
+    place = f"at {depths_mm[0]:g} mm, success at {wanted_mm:g} mm"
+    if summary.outcome == "inserted" and depths_mm[-1] < wanted_mm:
+        yield Trouble("outcome", f"another {place}", summary.outcome)
+    if summary.outcome in ("no_progress", "move_limit") and depths_mm[0] >= wanted_mm:
+        yield Trouble("outcome", f"inserted {place}", summary.outcome)
+    if before_mm[0] >= wanted_mm:
+        yield Trouble("moves", f"an end before the last move {place}", str(summary.moves))
+
+
+def _depths_mm(definition: Definition, told: int) -> list[float]:
+    """Return how far below the mouth so many moves in +Z may bring the tip, in order, each added as the task does."""
+    asked_mm = definition.moves.insertion_mm
+    made_mm = {asked_mm, *(round(asked_mm, decimals) for decimals in _DECIMALS)}
+    return sorted(functools.reduce(operator.add, [one] * told, -definition.start.height_mm) for one in made_mm)

@@ -9,17 +9,18 @@ goes on with what the journal says, so that it shows which part of the memory is
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from experiments.journal.checks import Trouble, reward_trouble, step_troubles, summary_troubles
+from experiments.journal.checks import reward_trouble, step_troubles, summary_troubles
+from experiments.journal.magnitudes import Trouble
 from services.agent.fold import AgentFold
 from services.classifier.fold import ClassifierFold
 from services.rules.results import Digests, episodes_digest
 from services.rules.skill import NamedSkill
-from services.rules.swaps import fresh_at, known_in
+from services.rules.swaps import fresh_after, fresh_at, in_force, known_in
 from services.wire.actions import action_names
 from services.wire.definition_file import definition_sha256, run_id
 from services.wire.errors import BadPayloadError, DivergedError, FoldError, GapError
@@ -52,6 +53,8 @@ class Moment(NamedTuple):
     """SHA-256 in hex of the Q-table."""
     art2: str
     """SHA-256 in hex of the ART2 weights."""
+    snapshots: Mapping[str, Mapping[str, bytes | int]]
+    """What each worker would put into a checkpoint, by its name."""
 
 
 class StateMemory(NamedTuple):
@@ -94,14 +97,16 @@ class Replay:
         at_episodes: Collection[int] = (),
         at_versions: Collection[int] = (),
         at_decisions: Collection[int] = (),
+        entry: int | None = None,
     ) -> None:
         """Begin a run that began with a skill, or with nothing learnt; ``swaps`` are all that were made in it.
 
         Digests are kept of the memory before ``at_episodes``, of the Q-table at policy versions
-        ``at_versions``, and of the ART2 weights after so many decisions. Raises DivergedError when these parts are not
-        of one run.
+        ``at_versions``, and of the ART2 weights after so many decisions; the entry of episode ``entry`` is kept too.
+        Raises DivergedError when these parts are not of one run.
         """
         _check_record(record, began_with)
+        _check_swaps(record, swaps)
         self.record = record
         self.swaps = tuple(swaps)
         self.agent = AgentFold(record.definition, record.run, record.seed, swaps)
@@ -121,6 +126,9 @@ class Replay:
         self.q_table_at: dict[int, dict[int, str]] = {}
         """By policy version and, as a table may be begun afresh between two updates, by decisions."""
         self.art2_at: dict[int, str] = {}
+        self.entry: JournalEpisode | None = None
+        """The one that was to be kept."""
+        self._kept = entry
         self._actions = action_names(record.definition.moves)
         self._at_episodes, self._at_versions = frozenset(at_episodes), frozenset(at_versions)
         self._at_decisions = frozenset(at_decisions)
@@ -190,6 +198,8 @@ class Replay:
             self._note(trouble, entry.episode, None, None)
         self.known_states = max(self.known_states, summary.states)
         self.summaries.append(summary)
+        if entry.episode == self._kept:
+            self.entry = entry
         self._look_between()
 
     def _checked(self, entry: JournalEpisode) -> EpisodeSummary:
@@ -270,7 +280,8 @@ class Replay:
 
     def _look_between(self) -> None:
         if self.episodes in self._at_episodes:
-            found = Moment(self.decisions, self.agent.learner.digest(), self.classifier.network.digest())
+            snapshots = {"agent": self.agent.snapshot(), "classifier": self.classifier.snapshot()}
+            found = Moment(self.decisions, self.agent.learner.digest(), self.classifier.network.digest(), snapshots)
             self.moments[self.episodes] = found
 
 
@@ -293,3 +304,19 @@ def _check_record(record: RunRecord, began_with: NamedSkill | None) -> None:
     for what, expected, got in agree:
         if expected != got:
             raise DivergedError(f"run {record.run}: {what}: expected {expected}, got {got}")
+
+
+def _check_swaps(record: RunRecord, swaps: Sequence[Swap]) -> None:
+    """Raise DivergedError when a swap cannot have followed upon those before it."""
+    before, earliest = record.definition, 1
+    for number, swap in enumerate(swaps, start=1):
+        after = in_force(before, (swap,))
+        agree = (
+            ("fresh", fresh_after(before, after), swap.fresh),
+            ("changes", True, before != after),
+            ("episode", max(earliest, swap.episode), swap.episode),
+        )
+        for what, expected, got in agree:
+            if expected != got:
+                raise DivergedError(f"run {record.run}: swap {number}: {what}: expected {expected}, got {got}")
+        before, earliest = after, swap.episode

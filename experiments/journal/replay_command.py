@@ -49,18 +49,22 @@ def _act(arguments: argparse.Namespace) -> bool:
         record = run.record()
         began_with = run.skill(record.skill_sha256)
         table, states = _living_in(run, until)
-        checkpoints = run.checkpoints()
+        checkpoints, newest = run.checkpoints(), run.newest()
         total = run.length() if until is None else until
         swaps = run.swaps()  # after the length: the store has the swaps of an episode before that begins
-        witnesses = Witnesses(checkpoints, _summary_of(run, record, swaps, arguments), table, states)
+        witnesses = Witnesses(checkpoints, _summary_of(run, record, swaps, arguments), table, states, newest)
         replay = witnesses.replay(record, began_with, swaps)
         for entry in journal_options.shown(run.episodes(total), "replay", total):
             replay.fold(entry)
     compared = witnesses.compared(replay, began_with, until)
+    alone = witnesses.alone(replay, compared)
     if arguments.json:
-        print(json.dumps(_as_json(replay, began_with, compared)))
+        print(json.dumps({**_as_json(replay, began_with, compared), "bounded_episodes": alone}))
     else:
         _print(replay, began_with, compared, with_states=until is not None)
+        of = f"{alone} of {replay.episodes} episodes"
+        agree = f"equal; means and peaks of {of}, which nothing else tells, are within their bounds"
+        print((agree if alone else "equal") if _agrees(replay, compared) else "DIFFERS")
     return _agrees(replay, compared)
 
 
@@ -183,7 +187,6 @@ def _print(replay: Replay, began_with: NamedSkill | None, compared: Sequence[Com
     else:
         counts = ", ".join(f"{count} {field}" for field, count in replay.mismatches.items())
         print(f"first mismatch: {replay.first_mismatch}\nmismatches in all: {counts}")
-    print("equal" if _agrees(replay, compared) else "DIFFERS")
 
 
 def _states_table(replay: Replay) -> Table:

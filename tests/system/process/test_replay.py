@@ -48,8 +48,10 @@ def test_store_that_a_cell_left_is_replayed_and_a_forged_copy_is_found_out(
     assert found["digests"] == digests_in(out)
     assert {one["witness"].rpartition(f"{found['run']}/")[2] for one in found["compared"]} == {
         *(f"{service}/{episode}" for service in ("agent", "classifier") for episode in ("00000020", "latest")),
+        "latest",
         "summary.json",
     }
+    assert found["bounded_episodes"] == 0
     assert (out / "store.sqlite").read_bytes() == before
 
     forged = tmp_path / "forged.sqlite"
@@ -67,7 +69,7 @@ def test_store_that_a_cell_left_is_replayed_and_a_forged_copy_is_found_out(
 
 
 def forge_a_reward(path: Path, run: str, episode: int) -> tuple[int, int]:
-    """Change one reward in a store's file and return its episode and step."""
+    """Change one reward in a store's file, under a valid digest, and return its episode and step."""
     with Database(path) as database:
         (value,) = database.get(f"treenail/a/journal/{run}/000000/{episode:08d}").values
         entry = decode(JournalEpisode, value.payload, value.encoding)

@@ -16,6 +16,7 @@ from experiments.journal.checks import reward_trouble, summary_troubles
 from experiments.journal.replay import Mismatch, Replay
 from experiments.journal.witnesses import Compared, Witnesses
 from services.rules.results import RunResult, summary
+from services.rules.swaps import planned
 from services.wire.actions import INSERT
 from services.wire.codec import contract_sha256
 from services.wire.definition import Definition
@@ -207,47 +208,129 @@ def test_changed_force_spoils_the_classes_alone(first: Any) -> None:
     assert found["q_table"] == first.digests[-1]["q_table"]
 
 
-def bent(summary: EpisodeSummary, field: str) -> Any:
-    """Return a value that the field of a summary cannot have."""
-    values: dict[str, Any] = {
-        "decisions": summary.decisions + 1,
-        "states": summary.states + 1,
-        "episode_return": math.nextafter(summary.episode_return, 0.0),
-        "moves": 121,
-        "mean_force_n": summary.peak_force_n * 1.01,
-        "peak_force_n": summary.mean_force_n / 100,
-        "mean_torque_nm": summary.peak_torque_nm * 1.01,
-        "peak_torque_nm": summary.mean_torque_nm / 100,
+RECOMPUTED = ("run", "episode", "episode_return", "decisions", "states", "outcome")
+BOUNDED = ("moves", "mean_force_n", "peak_force_n", "mean_torque_nm", "peak_torque_nm")
+
+
+def beyond(summary: EpisodeSummary, field: str) -> list[Any]:
+    """Return values that the field of a summary cannot have, the nearest there are where it is recomputed."""
+    value = getattr(summary, field)
+    values: dict[str, list[Any]] = {
+        "run": ["x-s1"],
+        "outcome": [other for other in ("inserted", "collision", "no_progress", "move_limit") if other != value],
+        "moves": [121, summary.decisions - 1],
+        "mean_force_n": [summary.peak_force_n * 1.01, 0.0],
+        "mean_torque_nm": [summary.peak_torque_nm * 1.01, 0.0],
+        "peak_force_n": [summary.mean_force_n * 0.99, 1000.0 if summary.outcome != "collision" else 9.9],
+        "peak_torque_nm": [summary.mean_torque_nm * 0.99, 1e6],
     }
-    return values[field]
-
-
-@pytest.mark.parametrize("field", [name for name in EpisodeSummary.__struct_fields__[2:] if name != "outcome"])
-def test_changed_summary_is_found(first: Any, field: str) -> None:
-    journal = changed(first.journal, 2, None, **{field: bent(first.journal[2].summary, field)})
-    replay = replayed(first, journal)
-    assert replay.first_mismatch is not None
-    assert replay.first_mismatch[:4] == (2, None, None, field)
-    assert str(replay.first_mismatch).startswith(f"episode 2, summary: {field}: expected ")
-    assert replay.digests()["episodes"] != first.digests[-1]["episodes"]
-    assert replay.digests()["q_table"] == first.digests[-1]["q_table"]
+    if field == "episode_return":
+        return [math.nextafter(value, -math.inf), math.nextafter(value, math.inf), -value or 1.0]
+    return values[field] if field in values else [value + 1, value - 1 if value else 2]
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_changed_outcome_is_found_wherever_it_matters(record_run: Callable[..., Any], name: str) -> None:
+def test_every_field_of_a_summary_is_recomputed_or_bounded(record_run: Callable[..., Any], name: str) -> None:
+    """In every episode, by itself: the one changed number is what differs, and it is named or what it contradicts."""
+    assert {*RECOMPUTED, *BOUNDED} == set(EpisodeSummary.__struct_fields__)
     recorded = record_run(definition(name), SEED, EPISODES)
-    found = 0
-    for entry in recorded.journal:
-        for outcome in ("inserted", "collision", "no_progress", "move_limit"):
-            mismatch = replayed(
-                recorded, changed(recorded.journal, entry.episode, None, outcome=outcome)
-            ).first_mismatch
-            if outcome == entry.summary.outcome:
-                assert mismatch is None
-            elif (entry.summary.outcome, outcome) != ("move_limit", "inserted"):  # the depth is not in the journal
-                assert mismatch is not None and mismatch.episode == entry.episode
-                found += 1
-    assert found > 8
+    for field in EpisodeSummary.__struct_fields__:
+        for entry in recorded.journal:
+            for value in beyond(entry.summary, field):
+                where = f"episode {entry.episode}: {field} {value} instead of {getattr(entry.summary, field)}"
+                journal = list(recorded.journal)
+                journal[entry.episode] = replace(entry, summary=replace(entry.summary, **{field: value}))
+                if field in ("run", "episode"):
+                    with pytest.raises(BadPayloadError, match="expected its summary"):
+                        replayed(recorded, journal)
+                    continue
+                found = replayed(recorded, journal).first_mismatch
+                assert found is not None and found.episode == entry.episode, where
+                assert field in ("outcome", "moves") or found.field in (field, field.replace("peak", "mean")), where
+
+
+def test_documentation_says_what_is_recomputed_and_what_is_bounded() -> None:
+    text = (Path(__file__).parents[3] / "docs" / "replay.md").read_text()
+    rows = [line.split("|") for line in text.splitlines() if line.startswith("| `")]
+    told = {name.strip(" `"): row[2].strip() for row in rows for name in row[1].split(",")}
+    assert told == {**dict.fromkeys(RECOMPUTED, "recomputed"), **dict.fromkeys(BOUNDED, "bounded")}
+
+
+def test_moves_of_an_insertion_are_those_that_its_depth_takes(record_run: Callable[..., Any]) -> None:
+    recorded = record_run(load("paper2-random-start"), SEED, EPISODES)
+    inserted = [entry for entry in recorded.journal if entry.summary.outcome == "inserted"]
+    assert inserted and replayed(recorded).first_mismatch is None
+    for entry in inserted:
+        for moves in (entry.summary.moves - 1, entry.summary.moves + 1):
+            assert replayed(recorded, changed(recorded.journal, entry.episode, None, moves=moves)).mismatches
+
+
+def one_episode(first: Any, forces_n: Iterable[float], **summary: Any) -> list[str]:
+    """Return what is wrong with an episode that had so many decisions in a row, after one move of guidance."""
+    steps = [
+        JournalStep(step=number, force_n=(0, 0, force_n), torque_nm=(0, 0, 0), state=0, action=0, reward=-1.0)
+        for number, force_n in enumerate(forces_n, start=1)
+    ]
+    fields: dict[str, Any] = {
+        "decisions": len(steps),
+        "episode_return": -1.0 * len(steps),
+        "states": 1,
+        "moves": len(steps) + 1,
+    }
+    fields |= {"mean_torque_nm": 0.0, "peak_torque_nm": 0.0, "outcome": "move_limit", **summary}
+    limits = replace(first.record.definition.limits, move_limit=fields["moves"], no_progress_moves=0)
+    made = replace(first.journal[0].summary, **fields)
+    return [found.field for found in summary_troubles(replace(first.record.definition, limits=limits), steps, made, 0)]
+
+
+def test_mean_is_recomputed_to_the_bit_where_the_last_motion_alone_is_not_recorded_and_had_the_peak(first: Any) -> None:
+    forces_n = [0.1 + 0.3 * number for number in range(1, 12)]
+    mean = sum([*forces_n, 7.7]) / 12
+    assert one_episode(first, forces_n, peak_force_n=7.7, mean_force_n=mean) == []
+    for other in (math.nextafter(mean, 0.0), math.nextafter(mean, 9.0)):
+        assert one_episode(first, forces_n, peak_force_n=7.7, mean_force_n=other) == ["mean_force_n"]
+
+
+def test_mean_has_no_more_room_than_guidance_and_the_last_motion(first: Any) -> None:
+    """Ten motions of guidance, each below contact, in an episode whose greatest force a decision followed upon."""
+    forces_n = [4.0, 3.0]
+    most_n = 7.0 + 4.0 + 9 * 0.3
+    for sum_n, possible in ((6.9, False), (7.1, True), (most_n - 0.01, True), (most_n + 0.01, False)):
+        found = one_episode(first, forces_n, moves=12, peak_force_n=4.0, mean_force_n=sum_n / 12)
+        assert found == ([] if possible else ["mean_force_n"])
+    assert one_episode(first, forces_n, moves=12, peak_force_n=math.nextafter(4.0, 0.0), mean_force_n=0.6) == [
+        "peak_force_n"
+    ]
+
+
+def test_summary_without_a_move_has_felt_nothing(first: Any) -> None:
+    fields = {
+        "moves": 0,
+        "outcome": "collision",
+        "episode_return": first.record.definition.reward.collision,
+        "states": 0,
+    }
+    still = {"mean_force_n": 0.0, "peak_force_n": 0.0}
+    assert one_episode(first, (), **fields, **still) == []
+    for name in still:
+        assert one_episode(first, (), **fields, **{**still, name: 1e-9}) == [name]
+    assert "outcome" in one_episode(first, (), **{**fields, "outcome": "move_limit", "episode_return": 0.0}, **still)
+
+
+@pytest.mark.parametrize(
+    ("fields", "words"),
+    [
+        ({"fresh": ("agent",)}, "swap 1: fresh: expected"),
+        ({"learner": None}, "swap 1: changes: expected"),
+    ],
+)
+def test_swap_that_cannot_have_been_made_is_refused(first: Any, fields: dict[str, Any], words: str) -> None:
+    good = planned(first.record.run, first.record.definition, ["2:agent:learner=sarsa", "3:agent:alpha=0.01"], EPISODES)
+    Replay(first.record, swaps=good)
+    with pytest.raises(DivergedError, match=words):
+        Replay(first.record, swaps=(replace(good[0], **fields), good[1]))
+    with pytest.raises(DivergedError, match="swap 2: episode: expected 4, got 3"):
+        Replay(first.record, swaps=(replace(good[0], episode=4), good[1]))
 
 
 def test_gap_and_unfinished_entries_are_errors_in_one_line(first: Any) -> None:
@@ -310,12 +393,56 @@ def test_checkpoints_are_compared_at_their_episodes(first: Any) -> None:
 def test_checkpoint_of_another_moment_differs(first: Any) -> None:
     earlier, later = first.checkpoints[0], first.checkpoints[2]
     assert earlier.service == later.service == "agent"
-    (memory, place) = compared(first, Witnesses(named([replace(later, snapshot=earlier.snapshot)])))
+    (memory, *places) = compared(first, Witnesses(named([replace(later, snapshot=earlier.snapshot)])))
     assert (memory.part, memory.equal, memory.found) == ("q_table", False, first.digests[2]["q_table"])
-    assert (place.part, place.rebuilt, place.equal) == ("decisions", str(later.decisions), False)
+    of_place = {one.part: (one.rebuilt, one.equal) for one in places}
+    assert of_place["fold_decisions"] == (str(later.decisions), False)
+    assert of_place["fold_episode"] == (str(later.episode - 1), False)
     (broken,) = compared(first, Witnesses(named([replace(later, snapshot={**later.snapshot, "version": 1})])))
     assert broken.equal is False
     assert broken.found.startswith("cannot be restored: ")
+
+
+def flipped(value: Any) -> Any:
+    """Return a number, or the bytes of many, with its smallest digit another one."""
+    return value + 1 if isinstance(value, int) else bytes([value[0] ^ 1]) + value[1:]
+
+
+def test_every_number_of_a_checkpoint_is_compared(first: Any) -> None:
+    for one in first.checkpoints[:2]:
+        for field, value in one.snapshot.items():
+            found = compared(first, Witnesses(named([replace(one, snapshot={**one.snapshot, field: flipped(value)})])))
+            assert any(row.equal is False for row in found), field
+        others = {"decisions": one.decisions + 1, "contract_sha256": "0" * 64, "run": "x-s1", "service": "sim"}
+        for field, value in {**others, "episode": one.episode + 1}.items():
+            ((name, _),) = named([one])
+            found = compared(first, Witnesses([(name, replace(one, **{field: value}))]))
+            assert any(row.equal is False for row in found), field
+        assert one.service == "agent" or set(others) | {"episode", "snapshot"} == set(Checkpoint.__struct_fields__)
+
+
+def test_newest_episode_is_that_of_the_journal(first: Any) -> None:
+    newest = first.journal[-1]
+    assert [one.equal for one in compared(first, Witnesses(newest=newest))] == [True]
+    assert compared(first, Witnesses(newest=newest), until=EPISODES - 1) == []
+    (bad,) = changed([newest], 0, None, mean_force_n=math.nextafter(newest.summary.mean_force_n, 0.0))
+    (row,) = compared(first, Witnesses(newest=bad))
+    assert (row.witness, row.equal) == (f"journal/{first.record.run}/latest", False)
+
+
+def test_every_figure_of_a_summary_file_is_compared(first: Any) -> None:
+    good: Any = json.loads(run_summary(first))["runs"][0]
+    assert all(one.equal for one in compared(first, Witnesses(summary=good)))
+    changes = {**good, "steady_from": 0, "failures_per_10": [EPISODES + 1], "digests": {**good["digests"], "art2": ""}}
+    for block in ("first_10", "last_quarter"):
+        for name, value in good[block].items():
+            bad: Any = {**good, block: {**good[block], name: math.nextafter(value, math.inf)}}
+            assert [one.part for one in compared(first, Witnesses(summary=bad)) if not one.equal] == [block]
+    for name in ("seed", "states", "collisions", "episodes"):
+        changes[name] = good[name] + 1
+    for name in good.keys() - {"first_10", "last_quarter"}:
+        bad = {**good, name: changes[name]}
+        assert not all(one.equal for one in compared(first, Witnesses(summary=bad))), name
 
 
 def test_checkpoint_may_be_one_episode_ahead_of_the_journal_and_no_more(first: Any) -> None:
@@ -384,7 +511,11 @@ def test_command_prints_what_is_rebuilt_and_that_it_is_equal(
     assert dict(line.split() for line in lines[2:5]) == first.digests[-1]
     assert out.count("before episode 2 to 4") == 2
     assert out.count("summary.json") == 3
-    assert lines[-1] == "equal"
+    bounded = f"1 of {EPISODES} episodes, which nothing else tells, are within their bounds"
+    assert lines[-1] == f"equal; means and peaks of {bounded}"
+    store.with_name("summary.json").write_text(run_summary(first))
+    assert asked(capsys, "--store", str(store))[1].splitlines()[-1] == "equal"
+    store.with_name("summary.json").write_text(run_summary(first, 4))
     assert (status, out) == asked(capsys, first.record.run[:5], "--store", str(store.parent))[:2]
 
 
