@@ -97,8 +97,8 @@ class AgentFold:
         if reward.run != self.run:
             raise ForeignRunError(f"reward: expected run {self.run}, got {reward.run}")
         if reward.decision < self.rewards:
-            known = self._received.get(reward.decision)
-            if known is not None and known != reward:
+            earlier = self._received.get(reward.decision)
+            if earlier is not None and earlier != reward:
                 raise DivergedError(f"reward: decision {reward.decision} came again with another reward")
             return False
         if reward.decision >= self.decisions:
@@ -107,7 +107,7 @@ class AgentFold:
         previous = (action.state, action.action, reward.reward)
         if reward.terminal is None:
             self._previous = previous
-        elif self._cut(reward):
+        elif self._ended_from_outside(reward):
             self._forgotten += 1
         else:
             self.learner.finish(previous)
@@ -205,7 +205,7 @@ class AgentFold:
                 self.learner = learner
             self.timeline.made += 1
 
-    def _cut(self, reward: Reward) -> bool:
+    def _ended_from_outside(self, reward: Reward) -> bool:
         """Return whether an episode was ended from outside: what would have come of its last decision nobody knows.
 
         The sample after the last motion is not classified, so that there is no state to go on from; and to teach that
@@ -221,11 +221,11 @@ class AgentFold:
         return learner
 
     def _again(self, state: State) -> Action:
-        known = self._answers.get(state.decision)
-        if known is None:
+        earlier = self._answers.get(state.decision)
+        if earlier is None:
             raise DivergedError(f"state: decision {state.decision} lies in an earlier episode than {self.episode}")
-        if known[0].state != state.state:
+        if earlier[0].state != state.state:
             raise DivergedError(
-                f"state: decision {state.decision} came again as state {state.state}, was {known[0].state}"
+                f"state: decision {state.decision} came again as state {state.state}, was {earlier[0].state}"
             )
-        return known[1]
+        return earlier[1]

@@ -109,7 +109,7 @@ class Learner:
         towards the reward alone. ValueError when a number is out of range, the reward or the new value is not
         finite, or SARSA is not told the next action.
         """
-        old = float(self._row(state)[self._checked(action, "action")])
+        old = float(self._row(state)[self._valid_action(action, "action")])
         if not math.isfinite(reward):
             raise ValueError(f"reward in state {state}: expected a finite number, got {reward}")
         worth = 0.0 if next_state is None else self.next_value(next_state, next_action)
@@ -132,7 +132,7 @@ class Learner:
             return float(row.max())
         if action is None:
             raise ValueError(f"SARSA: expected the action taken in next state {state}, got none")
-        return float(row[self._checked(action, "next action")])
+        return float(row[self._valid_action(action, "next action")])
 
     def decide(self, previous: tuple[int, int, float] | None, state: int, episode: int, step: int) -> int:
         """Learn from ``previous`` (state, action, reward), which led to ``state``, and return the action to take there.
@@ -203,7 +203,7 @@ class Learner:
             raise ValueError(f"state: expected 0 to {MAX_STATES - 1}, got {state}")
         return self._q[state] if state < self._states else self._blank
 
-    def _checked(self, action: int, name: str) -> int:
+    def _valid_action(self, action: int, name: str) -> int:
         if not 0 <= action < self.actions:
             raise ValueError(f"{name}: expected 0 to {self.actions - 1}, got {action}")
         return action

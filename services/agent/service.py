@@ -83,11 +83,11 @@ class AgentShell:
         text = ",".join(repr(component) for component in (*force_n, *torque_nm))
         self.classifier.answer(asked, f"ft={text}", self._policy_of)
 
-    def _policy_of(self, found: Classified) -> PolicyAnswer:
+    def _policy_of(self, classified: Classified) -> PolicyAnswer:
         run = self._worker.fold.run
-        if found.run != run:
-            raise RefusedError(f"{CLASSIFY}: expected one of run {run}, got one of {found.run}")
-        return policy(self._worker, found.state, found.match)
+        if classified.run != run:
+            raise RefusedError(f"{CLASSIFY}: expected one of run {run}, got one of {classified.run}")
+        return policy(self._worker, classified.state, classified.match)
 
     def _take(self, reward: Reward) -> None:
         if self._worker.fold.reward(reward) and reward.terminal is not None:
@@ -115,7 +115,7 @@ def policy(worker: Worker[AgentFold], state: int | None, match: float | None) ->
     row = learner.states if state is None else state
     if row >= MAX_STATES:
         raise BadPayloadError(f"state: expected one below {MAX_STATES}, got {row}")
-    known = row < learner.states
+    in_table = row < learner.states
     actions = action_names(worker.experiment.definition.moves)
     values = learner.values(row)
     return PolicyAnswer(
@@ -123,10 +123,10 @@ def policy(worker: Worker[AgentFold], state: int | None, match: float | None) ->
         policy_version=fold.version,
         state=state,
         match=match,
-        known=known,
+        known=in_table,
         actions=actions,
         values=tuple(values.tolist()),
         probabilities=tuple(learner.chances(row, fold.episode).tolist()),
-        visits=tuple(learner.visits[row].tolist()) if known else (0,) * len(actions),
+        visits=tuple(learner.visits[row].tolist()) if in_table else (0,) * len(actions),
         best_action=learner.best_action(row),
     )

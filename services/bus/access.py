@@ -86,8 +86,8 @@ def may(name: str, verb: str, key: str) -> bool:
     except zenoh.ZError:
         return False
     return any(
-        zenoh.KeyExpr(wild(known.replace("<service>", name) if verb in _OWN else known)).includes(wanted)
-        for known, access in ACCESS.items()
+        zenoh.KeyExpr(wild(pattern.replace("<service>", name) if verb in _OWN else pattern)).includes(wanted)
+        for pattern, access in ACCESS.items()
         if name in getattr(access, verb)
     )
 

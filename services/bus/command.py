@@ -34,41 +34,41 @@ EXIT_OUSTED = 3
 
 def parser(name: str, summary: str) -> Parser:
     """Return a parser with the options that every service takes."""
-    made = Parser(prog=f"treenail {name}", description=summary)
-    add_arguments(made)
-    made.add_argument(
+    command = Parser(prog=f"treenail {name}", description=summary)
+    add_arguments(command)
+    command.add_argument(
         "--fleet",
         type=whole(1, MAX_FLEET),
         default=os.environ.get(FLEET) or None,
         metavar="N",
         help=f"stand in the first of the cells 1 to N that is without this service (default: ${FLEET}, else --cell)",
     )
-    return made
+    return command
 
 
-def add_arguments(made: argparse.ArgumentParser, connect_timeout_s: float | None = 30.0) -> None:
+def add_arguments(command: argparse.ArgumentParser, connect_timeout_s: float | None = 30.0) -> None:
     """Add the options that say which cell, where its router is, and who we are; a time of None is a client's."""
     hurry = f" (default: {CLIENT_WAITS_S:g}, but not where nobody listens)" if connect_timeout_s is None else ""
-    made.add_argument("--cell", default=os.environ.get(CELL, "a"), help=f"name of the cell (default: ${CELL} or a)")
-    made.add_argument(
+    command.add_argument("--cell", default=os.environ.get(CELL, "a"), help=f"name of the cell (default: ${CELL} or a)")
+    command.add_argument(
         "--connect",
         action="append",
         metavar="ENDPOINT",
         help=f"Zenoh endpoint of the router, may be repeated (default: ${CONNECT}, with commas, or {DEFAULT_ENDPOINT})",
     )
-    made.add_argument(
+    command.add_argument(
         "--connect-timeout",
         type=number(0.01, 1e6, "seconds"),
         default=connect_timeout_s,
         metavar="S",
         help=f"seconds to wait for the router{hurry}",
     )
-    add_certs(made)
+    add_certs(command)
 
 
-def add_certs(made: argparse.ArgumentParser) -> None:
+def add_certs(command: argparse.ArgumentParser) -> None:
     """Add the option that says who we are."""
-    made.add_argument(
+    command.add_argument(
         "--certs",
         type=Path,
         default=os.environ.get(CERTS) or None,

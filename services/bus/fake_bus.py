@@ -147,10 +147,12 @@ class FakeBus:
         self.asked.append(query)
         name = str(query.key_expr).split("/", 2)[2]
         if any(name.startswith(stored.removesuffix("**")) for stored in STORED):
-            found = [FakeReply(sample) for sample in self.stored.values() if query.key_expr.intersects(sample.key_expr)]
+            values = [
+                FakeReply(sample) for sample in self.stored.values() if query.key_expr.intersects(sample.key_expr)
+            ]
             if "complete" in query.parameters:
-                query.reply_err(encode(Complete(values=len(found))), encoding=encoding_of(Complete))
-            return [*found, *query.replies] if self.store_answers else []
+                query.reply_err(encode(Complete(values=len(values))), encoding=encoding_of(Complete))
+            return [*values, *query.replies] if self.store_answers else []
         answer = self.answers.get(name)
         if callable(answer):
             answer = answer(query)

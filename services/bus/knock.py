@@ -14,25 +14,25 @@ def nobody_listens(endpoint: str) -> bool:
     place = rest.partition("#")[0].partition("?")[0]
     if kind == "unixsock-stream":
         with socket.socket(socket.AF_UNIX) as here:
-            return _refused(here, place)
+            return _refuses(here, place)
     if kind not in ("tcp", "tls"):
         return False
     host, _, port = place.rpartition(":")
     try:
-        found = socket.getaddrinfo(host.strip("[]"), port, type=socket.SOCK_STREAM)
+        candidates = socket.getaddrinfo(host.strip("[]"), port, type=socket.SOCK_STREAM)
     except (OSError, UnicodeError):
         return False
-    for family, _, _, _, address in found:
+    for family, _, _, _, address in candidates:
         with socket.socket(family, socket.SOCK_STREAM) as there:
-            if not _refused(there, address):
+            if not _refuses(there, address):
                 return False
     return True
 
 
-def _refused(one: socket.socket, address: str | tuple[object, ...]) -> bool:
-    one.settimeout(PATIENCE_S)
+def _refuses(connection: socket.socket, address: str | tuple[object, ...]) -> bool:
+    connection.settimeout(PATIENCE_S)
     try:
-        one.connect(address)
+        connection.connect(address)
     except (ConnectionRefusedError, FileNotFoundError):
         return True
     except (OSError, OverflowError):

@@ -31,7 +31,7 @@ class Rights:
             self._asked = True
             if self._certs is not None:
                 self._name = common_name(self._certs)
-            elif self._answered(FOR_ALL) and not self._answered(FOR_THE_CELL):
+            elif self._answers(FOR_ALL) and not self._answers(FOR_THE_CELL):
                 self._name = GUEST
         return self._name
 
@@ -48,5 +48,5 @@ class Rights:
             way = f"only {who} may" if who == "nobody" else f"use the certificate of {who}, as in --certs certs/{who}"
         raise NotAllowedError(f"{key}: {name} may not {verb} this in the cell: {way}; see docs/security.md")
 
-    def _answered(self, key: str) -> bool:
+    def _answers(self, key: str) -> bool:
         return any(reply.ok is not None for reply in self._session.get(key, timeout=_ANSWER_S))

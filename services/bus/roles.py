@@ -51,7 +51,7 @@ class Roles:
         With ``settle_s`` it is looked again after that time whether somebody earlier has come.
         """
         if others := self._others():
-            return self._taken(others)
+            return self._taken_error(others)
         self.instance = f"{time.time_ns():020d}-{self._session.zid()}"
         token = self._session.liveliness().declare_token(
             self.keys.of(name_of(CLAIM, service=self._name, instance=self.instance))
@@ -63,7 +63,7 @@ class Roles:
             earlier = self._earlier()
         if earlier:
             token.undeclare()  # type: ignore[no-untyped-call]
-            return self._taken(earlier)
+            return self._taken_error(earlier)
         self._declared.append(token)
         return None
 
@@ -77,7 +77,7 @@ class Roles:
             return
         holders.add(session)
         if role == self._name and instance < self.instance:
-            self.ousted = self._taken([instance])
+            self.ousted = self._taken_error([instance])
 
     def check_sender(self, sample: zenoh.Sample, roles: tuple[str, ...]) -> None:
         """Raise StrangerError for a message of none of the roles' holders; any sender will do while there was none."""
@@ -98,10 +98,10 @@ class Roles:
 
     def _others(self) -> list[str]:
         replies = self._session.liveliness().get(self.keys.of(name_of(CLAIM, service=self._name)), timeout=1.0)
-        found = (str(reply.ok.key_expr).rpartition("/")[2] for reply in replies if reply.ok is not None)
-        return [instance for instance in found if instance != self.instance]
+        instances = (str(reply.ok.key_expr).rpartition("/")[2] for reply in replies if reply.ok is not None)
+        return [instance for instance in instances if instance != self.instance]
 
-    def _taken(self, others: list[str]) -> RoleTakenError:
+    def _taken_error(self, others: list[str]) -> RoleTakenError:
         return RoleTakenError(
             f"{self._name}: expected to be the only one in cell {self.keys.cell!r}, "
             f"but {len(others)} other has this role (instance {others[0]})"

@@ -98,13 +98,13 @@ def open_client(
             session.close()  # type: ignore[no-untyped-call]  # the router came up meanwhile: now by its own socket
         except zenoh.ZError as error:
             at_once = time.monotonic() < began + piece_s / 2
-            troubles = [] if us is None else [found for item in endpoints if (found := trouble(item, us))]
-            if troubles and len(troubles) == len(endpoints) and all(found.final for found in troubles):
-                raise CellError("; ".join(found.reason for found in troubles)) from None
+            troubles = [] if us is None else [problem for item in endpoints if (problem := trouble(item, us))]
+            if troubles and len(troubles) == len(endpoints) and all(problem.final for problem in troubles):
+                raise CellError("; ".join(problem.reason for problem in troubles)) from None
             if at_once or time.monotonic() >= deadline or stopping():
                 where = ", ".join(endpoints)
                 waited = "" if at_once else f", none answered within {timeout_s:g} s"
-                why = "; ".join(found.reason for found in troubles) or brief(error)
+                why = "; ".join(problem.reason for problem in troubles) or brief(error)
                 raise CellError(f"router: expected one at {where}{waited} ({why})") from None
 
 

@@ -82,29 +82,29 @@ def identity(folder: Path, name: str | None) -> Identity:
     Raises CellError when a file is missing or unreadable, when key, certificate and authority do not belong together,
     when the certificate is not valid now, and when it is somebody else's.
     """
-    found = Identity(folder)
-    for path in (found.ca, found.cert, found.key):
+    us = Identity(folder)
+    for path in (us.ca, us.cert, us.key):
         try:
             path.read_bytes()
         except OSError as error:
             inside = f"; is it {folder / name}?" if name is not None and (folder / name).is_dir() else ""
             raise CellError(f"{path}: expected what treenail certs makes, got: {error.strerror}{inside}") from None
-    certificate = _verified(found, name)
+    certificate = _seen_by_peer(us, name)
     got = _name(certificate)
     if name is not None and got != name:
-        raise CellError(f"{found.cert}: expected the certificate of {name}, got that of {got!r}")
+        raise CellError(f"{us.cert}: expected the certificate of {name}, got that of {got!r}")
     now = time.time()
     for when, wrong in (("notBefore", "is not valid before"), ("notAfter", "expired on")):
         moment = str(certificate[when])
         if (ssl.cert_time_to_seconds(moment) > now) == (when == "notBefore"):
             today = time.strftime("%b %d %H:%M:%S %Y GMT", time.gmtime(now))
-            raise CellError(f"{found.cert}: {wrong} {moment}, and it is {today}; treenail certs renews it")
-    return found
+            raise CellError(f"{us.cert}: {wrong} {moment}, and it is {today}; treenail certs renews it")
+    return us
 
 
 def common_name(folder: Path) -> str:
     """Return whose certificate is in a folder of a client. Raises CellError like ``identity``."""
-    return _name(_verified(identity(folder, None), None))
+    return _name(_seen_by_peer(identity(folder, None), None))
 
 
 class Trouble(NamedTuple):
@@ -115,10 +115,10 @@ class Trouble(NamedTuple):
     """Whether waiting does not help: files have to be changed, here or there."""
 
 
-def trouble(endpoint: str, found: Identity) -> Trouble | None:
+def trouble(endpoint: str, us: Identity) -> Trouble | None:
     """Return why the router at ``endpoint`` and we cannot agree; None when nothing is wrong."""
     host, port = _address(endpoint)
-    context = _context(ssl.PROTOCOL_TLS_CLIENT, found)
+    context = _context(ssl.PROTOCOL_TLS_CLIENT, us)
     try:
         plain = socket.create_connection((host, port), timeout=HANDSHAKE_S)
     except OSError as error:
@@ -132,7 +132,7 @@ def trouble(endpoint: str, found: Identity) -> Trouble | None:
         return Trouble(f"{endpoint}: we refuse the router's certificate: {_reason(error)}", final=True)
     except ssl.SSLError as error:
         if "ALERT" in (error.reason or ""):
-            return Trouble(f"{endpoint}: the router refuses {found.cert}: {_reason(error)}", final=True)
+            return Trouble(f"{endpoint}: the router refuses {us.cert}: {_reason(error)}", final=True)
         return Trouble(f"{endpoint}: expected a router with certificates, got: {_reason(error)}", final=False)
     except OSError as error:
         return Trouble(f"{endpoint}: expected a router with certificates, got: {error}", final=False)
@@ -143,29 +143,29 @@ def trouble(endpoint: str, found: Identity) -> Trouble | None:
     return None
 
 
-def _context(protocol: ssl._SSLMethod, found: Identity) -> ssl.SSLContext:
+def _context(protocol: ssl._SSLMethod, us: Identity) -> ssl.SSLContext:
     """Return a context with our files. Raises CellError when they are not what they should be."""
     context = ssl.SSLContext(protocol)
     try:
-        context.load_verify_locations(found.ca)
+        context.load_verify_locations(us.ca)
     except ssl.SSLError as error:
-        raise CellError(f"{found.ca}: expected an authority's certificate: {_reason(error)}") from None
+        raise CellError(f"{us.ca}: expected an authority's certificate: {_reason(error)}") from None
     try:
-        context.load_cert_chain(found.cert, found.key, password=lambda: b"")
+        context.load_cert_chain(us.cert, us.key, password=lambda: b"")
     except ssl.SSLError as error:
         if error.reason == "KEY_VALUES_MISMATCH":
-            raise CellError(f"{found.key}: expected the key of {found.cert}, got another one") from None
-        raise CellError(f"{found.cert}, {found.key}: expected a certificate and its key: {_reason(error)}") from None
+            raise CellError(f"{us.key}: expected the key of {us.cert}, got another one") from None
+        raise CellError(f"{us.cert}, {us.key}: expected a certificate and its key: {_reason(error)}") from None
     return context
 
 
-def _verified(found: Identity, name: str | None) -> dict[str, object]:
+def _seen_by_peer(us: Identity, name: str | None) -> dict[str, object]:
     """Return our certificate as the other side sees it, which trusts the same authority.
 
     It is presented in a handshake in memory, as the router's or as a client's. Raises CellError when it is refused.
     """
     server = name == ROUTER
-    ours, theirs = _context(ssl.PROTOCOL_TLS_SERVER, found), _context(ssl.PROTOCOL_TLS_CLIENT, found)
+    ours, theirs = _context(ssl.PROTOCOL_TLS_SERVER, us), _context(ssl.PROTOCOL_TLS_CLIENT, us)
     theirs.check_hostname = False
     theirs.verify_mode = ssl.CERT_REQUIRED if server else ssl.CERT_NONE
     ours.verify_mode = ssl.CERT_NONE if server else ssl.CERT_REQUIRED
@@ -183,13 +183,13 @@ def _verified(found: Identity, name: str | None) -> dict[str, object]:
     except ssl.SSLCertVerificationError as error:
         if error.verify_code == _WRONG_PURPOSE:
             expected, got = (ROUTER, "a client's") if server else (name or "a client", "the router's")
-            raise CellError(f"{found.cert}: expected the certificate of {expected}, got {got}") from None
-        raise CellError(f"{found.cert}: expected to be signed by {found.ca}: {_reason(error)}") from None
+            raise CellError(f"{us.cert}: expected the certificate of {expected}, got {got}") from None
+        raise CellError(f"{us.cert}: expected to be signed by {us.ca}: {_reason(error)}") from None
     except ssl.SSLError as error:
-        raise CellError(f"{found.cert}: cannot be used: {_reason(error)}") from None
+        raise CellError(f"{us.cert}: cannot be used: {_reason(error)}") from None
     seen = (calling if server else listening).getpeercert()
     if not seen:
-        raise CellError(f"{found.cert}: expected a certificate that can be verified, got none")
+        raise CellError(f"{us.cert}: expected a certificate that can be verified, got none")
     return dict(seen)
 
 

@@ -152,18 +152,18 @@ class Worker(Generic[F]):
         if service.keys.run_record(run) not in samples:
             raise NoAnswerError("it has no memory of this run")
         latest = samples.get(service.keys.journal_latest(run))
-        known = 0
+        journalled = 0
         if latest is not None:
             newest = codec.decode(JournalEpisode, latest.payload.to_bytes(), str(latest.encoding))
-            known = newest.first_decision + len(newest.steps)
+            journalled = newest.first_decision + len(newest.steps)
         for checkpoint in self._checkpoints():
             try:
-                return self._from(checkpoint, known)
+                return self._from(checkpoint, journalled)
             except FoldError as error:
                 service.complain(
                     f"checkpoint before episode {checkpoint.episode} is passed over: {error}", topic="checkpoint"
                 )
-        return self._from(None, known)
+        return self._from(None, journalled)
 
     def _checkpoints(self) -> Iterator[Checkpoint]:
         """Give this run's checkpoints, the newest first. Raises like ``_remember``."""
@@ -174,10 +174,10 @@ class Worker(Generic[F]):
         numbered = service.stored(name_of(CHECKPOINT, run=run, service=service.name), Checkpoint, 10.0)
         yield from (checkpoint for checkpoint in reversed(numbered) if checkpoint not in latest)
 
-    def _from(self, checkpoint: Checkpoint | None, known: int) -> F:
+    def _from(self, checkpoint: Checkpoint | None, journalled: int) -> F:
         """Return the memory that comes of a checkpoint, or of nothing, and the journal after it.
 
-        ``known`` decisions are in the journal. Raises FoldError, and like ``_remember``.
+        ``journalled`` decisions are in the journal. Raises FoldError, and like ``_remember``.
         """
         service, run = self.service, self.experiment.run
         fold = self._blank(self.experiment)
@@ -192,8 +192,8 @@ class Worker(Generic[F]):
                 raise DivergedError(str(error)) from error
             self._checkpointed = checkpoint.episode
         self._replay_journal(fold, self._checkpointed // JOURNAL_BLOCK)
-        if fold.decisions < known:
-            lacking = f"neither checkpoint nor journal has decisions {fold.decisions} to {known - 1} of run {run}"
+        if fold.decisions < journalled:
+            lacking = f"neither checkpoint nor journal has decisions {fold.decisions} to {journalled - 1} of run {run}"
             raise GapError(f"{lacking}; `treenail store check FILE` says what of the store's file is there")
         return fold
 
@@ -205,11 +205,11 @@ class Worker(Generic[F]):
         samples = self.service.fetch_stored(name_of(SKILL, sha256=sha256), 10.0)
         if not samples:
             raise NoAnswerError(f"expected skill {sha256[:12]} in the store, got none")
-        found = decode(samples[0].payload.to_bytes(), str(samples[0].encoding))
-        if found.sha256 != sha256:
-            raise DivergedError(f"skill: expected {sha256[:12]}, got {found.sha256[:12]}")
+        stored = decode(samples[0].payload.to_bytes(), str(samples[0].encoding))
+        if stored.sha256 != sha256:
+            raise DivergedError(f"skill: expected {sha256[:12]}, got {stored.sha256[:12]}")
         try:
-            fold.begin_with(found.skill)
+            fold.begin_with(stored.skill)
         except ValueError as error:
             raise DivergedError(f"skill {sha256[:12]}: {error}") from error
 
@@ -240,9 +240,9 @@ class Worker(Generic[F]):
         self.fold.timeline.learn_of(experiment.swaps)
         self.experiment = experiment
         if under_way.first_decision > self.fold.decisions:
-            known = self._remember()
-            if known.decisions > self.fold.decisions:
-                self.fold = known
+            memory = self._remember()
+            if memory.decisions > self.fold.decisions:
+                self.fold = memory
         self.fold.replay(under_way)
         self.service.log.info("caught up: decisions %d to %d", before, self.fold.decisions)
 

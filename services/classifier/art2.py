@@ -153,13 +153,13 @@ class Art2:
         """Encode and present one vector; leaves F0 and F1 settled. Returns as ``kernel.search``, never SILENT."""
         s = self._settings
         stimulus = encode(force_n, torque_nm, s.torque_gain_per_m, s.encoding)
-        found = kernel.search(stimulus, self._weights, self._states, self._f0, self._f1, self._f2, *self._parameters)
-        if found[0] == kernel.SILENT:
+        result = kernel.search(stimulus, self._weights, self._states, self._f0, self._f1, self._f2, *self._parameters)
+        if result[0] == kernel.SILENT:
             raise ValueError(
                 f"force/torque vector: expected a component above theta = {s.theta} after normalising with e = {s.e}, "
                 f"got none (norm {float(np.linalg.norm(stimulus)):g}, torque times {s.torque_gain_per_m:g} 1/m)"
             )
-        return found
+        return result
 
     def _answer_when_full(self, nearest: int, match: float) -> Classification:
         """What an input gets that fits none of the classes, all of which are taken."""

@@ -51,7 +51,7 @@ class ClassifierFold:
             raise DivergedError(f"observation: expected episode {self.episode} or later, got {observation.episode}")
         self._swap(self.timeline.due(observation))
         try:
-            found = self.network.learn(observation.force_n, observation.torque_nm)
+            classification = self.network.learn(observation.force_n, observation.torque_nm)
         except (ValueError, ClassifierFullError) as error:
             raise UnusableError(f"observation: decision {observation.decision}: {error}") from error
         if observation.episode > self.episode:
@@ -62,9 +62,9 @@ class ClassifierFold:
             episode=observation.episode,
             step=observation.step,
             decision=observation.decision,
-            state=found.state,
-            states=found.states,
-            match=found.match,
+            state=classification.state,
+            states=classification.states,
+            match=classification.match,
             swaps=observation.swaps,
         )
         self._answers[observation.decision] = (observation, state)
@@ -125,11 +125,11 @@ class ClassifierFold:
             self.timeline.made += 1
 
     def _again(self, observation: Observation) -> State:
-        known = self._answers.get(observation.decision)
-        if known is None:
+        earlier = self._answers.get(observation.decision)
+        if earlier is None:
             raise DivergedError(
                 f"observation: decision {observation.decision} lies in an earlier episode than {self.episode}"
             )
-        if known[0] != observation:
+        if earlier[0] != observation:
             raise DivergedError(f"observation: decision {observation.decision} came again with another sample")
-        return known[1]
+        return earlier[1]

@@ -43,7 +43,7 @@ def work(service: Service) -> None:
 
     service.subscribe(OBSERVATION, Observation, observe, "task")
     service.answer(CLASSIFIER_STATES, lambda _: states(worker))
-    service.answer(CLASSIFY, lambda request: classified(worker, request), "ft")
+    service.answer(CLASSIFY, lambda request: classify(worker, request), "ft")
     worker.loop()
 
 
@@ -61,13 +61,15 @@ def states(worker: Worker[ClassifierFold]) -> ClassifierStates:
     )
 
 
-def classified(worker: Worker[ClassifierFold], request: Request) -> Classified:
+def classify(worker: Worker[ClassifierFold], request: Request) -> Classified:
     """Answer ``classifier/classify?ft=fx,fy,fz,tx,ty,tz``; nothing is learnt. Raises BadPayloadError."""
     fold = worker.fold
     force_n, torque_nm = ft_vector(request.parameters.get("ft", ""))
     try:
-        found = fold.network.classify(force_n, torque_nm)
+        classification = fold.network.classify(force_n, torque_nm)
     except ValueError as error:
         raise BadPayloadError(f"ft: {error}") from error
-    state = found.state if found.state >= 0 else None
-    return Classified(run=fold.run, decisions=fold.decisions, states=found.states, state=state, match=found.match)
+    state = classification.state if classification.state >= 0 else None
+    return Classified(
+        run=fold.run, decisions=fold.decisions, states=classification.states, state=state, match=classification.match
+    )

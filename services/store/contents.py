@@ -10,11 +10,11 @@ from services.wire.messages import Checkpoint, JournalEpisode, RunRecord, Swaps
 from services.wire.text import one_line
 
 
-def kept(name: str) -> Named | None:
+def key_of_stored(name: str) -> Named | None:
     """Return which of the contract's keys that the store keeps a name is; None for any other."""
-    found = named(name)
-    kept = found is not None and any(found.pattern.startswith(prefix.removesuffix("**")) for prefix in STORED)
-    return found if kept else None
+    key = named(name)
+    in_store = key is not None and any(key.pattern.startswith(prefix.removesuffix("**")) for prefix in STORED)
+    return key if in_store else None
 
 
 def check(name: str, payload: bytes, encoding: str) -> Named:
@@ -23,7 +23,7 @@ def check(name: str, payload: bytes, encoding: str) -> Named:
     Raises ContractError: a key that the contract does not have, the wrong type, a payload that does not decode, or one
     that belongs to another key.
     """
-    key = kept(name)
+    key = key_of_stored(name)
     if key is None:
         raise BadPayloadError(f"{one_line(name)}: expected a key that the contract has the store keep, got another")
     if key.pattern in (SKILL, CHOSEN_SKILL):

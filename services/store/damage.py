@@ -40,7 +40,7 @@ def mending(keys: Collection[str], damaged: Collection[str]) -> Mending:
     plan = Mending([], [], [])
     sound = sorted(set(keys) - set(damaged))
     for key in sorted(damaged):
-        what = told(key)
+        what = key_of(key)
         if what is None or what.pattern in (CHECKPOINT, SKILL):
             plan.drop.append(key)
         elif what.pattern in (NEWEST_CHECKPOINT, NEWEST_ENTRY):
@@ -59,7 +59,7 @@ def words(keys: Collection[str], lost: Collection[str]) -> str:
     """Return what is lost, and what of the same run is sound."""
     parts = []
     for key in lost:
-        what = told(key)
+        what = key_of(key)
         assert what is not None
         if what.pattern == CHOSEN_SKILL:
             parts.append("the skill that the next run begins with")
@@ -71,14 +71,14 @@ def words(keys: Collection[str], lost: Collection[str]) -> str:
     return "; ".join(parts)
 
 
-def told(key: str) -> Named | None:
+def key_of(key: str) -> Named | None:
     """Return which key of the contract a full key is."""
     return named(key.removeprefix(f"{ROOT}/").partition("/")[2])
 
 
 def _like(key: str, pattern: str, what: Named, of: str) -> Named | None:
     """Return what a key is, if it is one of a pattern, of the same cell, run and service as the key ``of``."""
-    there = told(key)
+    there = key_of(key)
     if there is None or there.pattern != pattern or key.split("/")[1] != of.split("/")[1]:
         return None
     same = all(there.parts[part] == what.parts[part] for part in ("run", "service") if part in there.parts)

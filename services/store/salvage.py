@@ -13,7 +13,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from services.store.damage import told
+from services.store.damage import key_of
 from services.store.database import Database, fits
 from services.store.values import Put, StoredValue
 from services.wire.codec import decode
@@ -72,11 +72,11 @@ def look(path: Path, folder: Path) -> Salvaged:
         complaint = _complaint(connection)
         keys = _keys(connection)
         sound, damaged = {}, []
-        for key in sorted(keys | _guessed(keys)):
+        for key in sorted(keys | _possible_keys(keys)):
             value = _value(connection, key)
             if value is not None:
                 sound[key] = value
-            elif key in keys or _listed(connection, key):
+            elif key in keys or _may_be_there(connection, key):
                 damaged.append(key)
     if not sound and complaint is not None:
         raise CellError(f"{path}: expected a store's file of which something can be read, got none: {complaint}")
@@ -98,10 +98,10 @@ def write(salvaged: Salvaged, path: Path) -> list[RunLeft]:
 def runs(salvaged: Salvaged) -> list[RunLeft]:
     """Return what is left of each run."""
     names = dict.fromkeys(_run(key) for key in (*salvaged.sound, *salvaged.damaged) if _run(key) is not None)
-    return [_left(salvaged, *run) for run in names if run is not None]
+    return [_run_left(salvaged, *run) for run in names if run is not None]
 
 
-def _left(salvaged: Salvaged, cell: str, run: str) -> RunLeft:
+def _run_left(salvaged: Salvaged, cell: str, run: str) -> RunLeft:
     """Return what is left of one run."""
     keys, name = Keys(cell), f"{run} of cell {cell}"
     mine = {key: value for key, value in salvaged.sound.items() if _run(key) == (cell, run)}
@@ -111,7 +111,7 @@ def _left(salvaged: Salvaged, cell: str, run: str) -> RunLeft:
     lost = [_episode(key) for key in salvaged.damaged if _run(key) == (cell, run) and _pattern(key) == ENTRY]
     first = min([*numbers, *lost], default=0)
     end = first
-    while end in numbers and not (keys.swaps(run) in salvaged.damaged and _swapped(mine[keys.journal(run, end)])):
+    while end in numbers and not (keys.swaps(run) in salvaged.damaged and _has_swaps(mine[keys.journal(run, end)])):
         end += 1
     kept = [value for key, value in mine.items() if _pattern(key) in (RUN, SWAPS)]
     kept += [mine[keys.journal(run, episode)] for episode in numbers if episode < end]
@@ -151,18 +151,18 @@ def _keys(connection: sqlite3.Connection) -> set[str]:
     return keys
 
 
-def _guessed(keys: set[str]) -> set[str]:
+def _possible_keys(keys: set[str]) -> set[str]:
     """Return the keys that runs of which some can be listed may have beside those."""
-    guessed: set[str] = set()
-    for cell, run in {found for key in keys if (found := _run(key)) is not None}:
+    possible: set[str] = set()
+    for cell, run in {place for key in keys if (place := _run(key)) is not None}:
         names = Keys(cell)
         last = max((_episode(key) for key in keys if _run(key) == (cell, run)), default=0)
-        guessed |= {names.run_record(run), names.swaps(run), names.journal_latest(run)}
-        guessed |= {names.checkpoint_latest(run, service) for service in WORKERS}
+        possible |= {names.run_record(run), names.swaps(run), names.journal_latest(run)}
+        possible |= {names.checkpoint_latest(run, service) for service in WORKERS}
         for episode in range(last + _BEYOND):
-            guessed.add(names.journal(run, episode))
-            guessed |= {names.checkpoint(run, service, episode) for service in WORKERS}
-    return guessed
+            possible.add(names.journal(run, episode))
+            possible |= {names.checkpoint(run, service, episode) for service in WORKERS}
+    return possible
 
 
 def _value(connection: sqlite3.Connection, key: str) -> StoredValue | None:
@@ -175,7 +175,7 @@ def _value(connection: sqlite3.Connection, key: str) -> StoredValue | None:
     return None
 
 
-def _listed(connection: sqlite3.Connection, key: str) -> bool:
+def _may_be_there(connection: sqlite3.Connection, key: str) -> bool:
     """Return whether a key is there, or cannot even be looked for."""
     try:
         return connection.execute("SELECT 1 FROM entry WHERE key = ?", (key,)).fetchone() is not None
@@ -183,7 +183,7 @@ def _listed(connection: sqlite3.Connection, key: str) -> bool:
         return False
 
 
-def _swapped(value: StoredValue) -> bool:
+def _has_swaps(value: StoredValue) -> bool:
     """Return whether an episode has swaps in force, without which it cannot be replayed."""
     try:
         return decode(JournalEpisode, value.payload, value.encoding).swaps > 0
@@ -192,19 +192,19 @@ def _swapped(value: StoredValue) -> bool:
 
 
 def _pattern(key: str) -> str | None:
-    what = told(key)
+    what = key_of(key)
     return None if what is None else what.pattern
 
 
 def _run(key: str) -> tuple[str, str] | None:
     """Return cell and run of a key; None for one that is not of a run."""
-    what = told(key)
+    what = key_of(key)
     return (key.split("/")[1], what.parts["run"]) if what is not None and "run" in what.parts else None
 
 
 def _episode(key: str) -> int:
     """Return the episode in a key; 0 without one."""
-    what = told(key)
+    what = key_of(key)
     return (what.episode or 0) if what is not None else 0
 
 

@@ -19,7 +19,7 @@ import zenoh
 
 from services.bus.answers import parameters_of, wants_json
 from services.bus.service import Options, Service
-from services.store.contents import check, kept
+from services.store.contents import check, key_of_stored
 from services.store.damage import mending, words
 from services.store.database import Database
 from services.store.retention import RetentionSettings, removable
@@ -154,7 +154,7 @@ class StoreShell:
         name = key.removeprefix(self._prefix)
         if deleted:
             operation: Put | Delete = Delete(key, timestamp)
-            what = kept(name)
+            what = key_of_stored(name)
         else:
             payload, encoding = sample.payload.to_bytes(), str(sample.encoding)
             operation = Put(key, payload, encoding, timestamp)

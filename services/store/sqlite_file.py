@@ -189,9 +189,9 @@ class SqliteFile:
                 for statement in _SCHEMA.split(";\n"):
                     self.connection.execute(statement)
         else:
-            found = self.connection.execute("PRAGMA quick_check(1)").fetchone()[0]
-            if found != "ok":
-                got = " ".join(found.split())
+            verdict = self.connection.execute("PRAGMA quick_check(1)").fetchone()[0]
+            if verdict != "ok":
+                got = " ".join(verdict.split())
                 raise StoreFileError(f"{self._path}: expected an undamaged file, got {got}; {what_to_do(self._path)}")
         mode = self.connection.execute("PRAGMA journal_mode = WAL").fetchone()[0]
         if mode != "wal":

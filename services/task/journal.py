@@ -55,7 +55,7 @@ def read(service: Service, name: str, kind: type[M]) -> M | None:
     return messages[0] if messages else None
 
 
-class Found(NamedTuple):
+class Place(NamedTuple):
     """Where a run stands in the store."""
 
     newest: JournalEpisode | None = None
@@ -70,20 +70,20 @@ class Journal:
         self._service = service
         self._record = record
 
-    def resume(self) -> tuple[Found, bool]:
+    def resume(self) -> tuple[Place, bool]:
         """Make the store know the run; return where the run stands in it, and whether to go on.
 
         Waits for the store as long as it takes. Raises CellError when the store knows the run under another contract.
         """
         if not self.make_known():
-            return Found(), False
+            return Place(), False
         service = self._service
         while not service.stopping:
             try:
-                return self._found(), True
+                return self._read_place(), True
             except NoAnswerError as error:
                 wait_for_store(service, str(error))
-        return Found(), False
+        return Place(), False
 
     def make_known(self) -> bool:
         """Make the store know the run, waiting for it as long as it takes; False when stopped meanwhile.
@@ -94,20 +94,20 @@ class Journal:
         service, name = self._service, name_of(RUN, run=self._record.run)
         while not service.stopping:
             try:
-                known = read(service, name, RunRecord)
+                record = read(service, name, RunRecord)
             except NoAnswerError as error:
                 wait_for_store(service, str(error))
                 continue
-            self._check(known)
+            self._check(record)
             return put_and_confirm(service, ((service.keys.run_record(self._record.run), self._record),), name)
         return False
 
-    def _check(self, known: RunRecord | None) -> None:
+    def _check(self, record: RunRecord | None) -> None:
         service = self._service
-        if known is not None and known.contract_sha256 != service.contract:
-            ours, theirs = service.contract[:12], known.contract_sha256[:12]
+        if record is not None and record.contract_sha256 != service.contract:
+            ours, theirs = service.contract[:12], record.contract_sha256[:12]
             raise CellError(
-                f"store: run {known.run} was recorded with contract {theirs}, this is {ours}; "
+                f"store: run {record.run} was recorded with contract {theirs}, this is {ours}; "
                 "start with an empty store, or with the version that recorded it"
             )
 
@@ -157,7 +157,7 @@ class Journal:
                     raise CellError(f"store: {sample.key_expr} cannot be read: {error}") from error
         return head
 
-    def _found(self) -> Found:
+    def _read_place(self) -> Place:
         """Return the newest episode and the swaps. Raises NoAnswerError while the store does not know the run."""
         head = self._head()
         if RUN not in head:
@@ -167,4 +167,4 @@ class Journal:
         following = 0 if newest is None else newest.episode + 1
         # The entry itself is put before "latest": a task that died in between left it there.
         entry = read(self._service, name_of(ENTRY, run=self._record.run, episode=following), JournalEpisode)
-        return Found(entry or newest, swaps.swaps if isinstance(swaps, Swaps) else ())
+        return Place(entry or newest, swaps.swaps if isinstance(swaps, Swaps) else ())

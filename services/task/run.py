@@ -53,9 +53,9 @@ class TaskRun:
         """
         if not self._keep_skill():
             return False
-        found, going_on = self.journal.resume()
-        newest = found.newest
-        self.swaps.resume(found.swaps)
+        place, going_on = self.journal.resume()
+        newest = place.newest
+        self.swaps.resume(place.swaps)
         if newest is not None and newest.summary is not None:
             self.done = newest.episode + 1
             self.begun = self.done + 1

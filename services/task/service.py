@@ -146,9 +146,11 @@ class TaskShell:
 
     def on_alive(self, name: str, alive: bool) -> None:
         """Note who came and went; what a newcomer missed is sent again at once."""
-        (self._alive.add if alive else self._alive.discard)(name)
-        self._came = self._came or alive
-        if not alive:
+        if alive:
+            self._alive.add(name)
+            self._came = True
+        else:
+            self._alive.discard(name)
             self._service.log.warning("%s is gone", name)
 
     def _episode(self, home: Home) -> EpisodeSummary | None:
@@ -218,7 +220,7 @@ class TaskShell:
         if action.decision > asked.decision:
             raise GapError(f"action: expected decision {asked.decision}, got {action.decision}")
         if (action.episode, action.step, action.swaps) != (asked.episode, asked.step, asked.swaps):
-            expected, got = (f"{one.episode}, {one.step}, {one.swaps}" for one in (asked, action))
+            expected, got = (f"{message.episode}, {message.step}, {message.swaps}" for message in (asked, action))
             raise DivergedError(f"action: expected episode, step and swaps {expected}, got {got}")
         if action.action >= self._definition.moves.actions:
             raise DivergedError(f"action: expected one below {self._definition.moves.actions}, got {action.action}")

@@ -100,12 +100,12 @@ class Skills:
     def _usable(self, payload: bytes, encoding: str) -> NamedSkill | None:
         """Return the skill when a run can begin with it; else it is refused, and counted."""
         try:
-            found = skill.decode(payload, encoding)
-            skill.fits(found.skill, self._definition)
+            candidate = skill.decode(payload, encoding)
+            skill.fits(candidate.skill, self._definition)
         except (ContractError, SkillError) as error:
             self._service.refuse(error)
             return None
-        return found
+        return candidate
 
     def _as_before(self, blank: RunRecord) -> Chosen | None:
         """Return what the run that was worked on last began with; None when the store does not have it any more.
@@ -127,8 +127,8 @@ class Skills:
         if sha256 is None:
             return Chosen(None)
         stored = self._service.fetch_stored(name_of(SKILL, sha256=sha256), 10.0)
-        found = self._usable(stored[0].payload.to_bytes(), str(stored[0].encoding)) if stored else None
-        return None if found is None else Chosen(found)
+        original = self._usable(stored[0].payload.to_bytes(), str(stored[0].encoding)) if stored else None
+        return None if original is None else Chosen(original)
 
     def _on_change(self, sample: zenoh.Sample) -> None:
         self._service.handled += 1

@@ -6,6 +6,8 @@ run, and no episode begins before the store has given it back.
 
 from __future__ import annotations
 
+import logging
+
 from services.bus.service import Service
 from services.rules.plugins import PluginError
 from services.rules.swaps import check_episode, swap_for, words
@@ -118,7 +120,7 @@ class Swaps:
 
     def _note(self, confirmed: tuple[Swap, ...]) -> None:
         for swap in confirmed[len(self.confirmed) :]:
-            (self._service.log.warning if swap.fresh else self._service.log.info)("swap: %s", words(swap))
+            self._service.log.log(logging.WARNING if swap.fresh else logging.INFO, "swap: %s", words(swap))
         self.confirmed = confirmed
 
     def _message(self, swaps: tuple[Swap, ...]) -> messages.Swaps:

@@ -85,9 +85,9 @@ def fetch() -> dict[str, Asset]:
         assert process.stdout is not None
         said = ""
         for said in process.stdout:
-            found = _ADDRESS.search(said)
-            if found:
-                return {path: _pack(int(found[1]), path, kind) for path, kind in KINDS.items()}
+            address = _ADDRESS.search(said)
+            if address:
+                return {path: _pack(int(address[1]), path, kind) for path, kind in KINDS.items()}
         raise CellError(f"viewer: web page: expected Rerun to serve it, got: {said.strip() or 'nothing'}")
     except (OSError, http.client.HTTPException) as error:
         raise CellError(f"viewer: web page: cannot be had from Rerun: {error}") from error
@@ -99,8 +99,8 @@ def fetch() -> dict[str, Asset]:
 
 def _program() -> Path:
     """Return Rerun's own program; the command ``rerun`` is a script that starts it and would be left behind."""
-    found = importlib.util.find_spec("rerun_cli")
-    folders = [] if found is None else found.submodule_search_locations or []
+    package = importlib.util.find_spec("rerun_cli")
+    folders = [] if package is None else package.submodule_search_locations or []
     for folder in folders:
         program = Path(folder, "rerun")
         if program.is_file():

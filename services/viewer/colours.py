@@ -37,24 +37,24 @@ _VIRIDIS = np.array(
 )
 
 
-def viridis(values: npt.NDArray[np.float64], known: npt.NDArray[np.bool_]) -> Pixels:
-    """Return the colour of each value, from dark for the least known to light for the greatest known.
+def viridis(values: npt.NDArray[np.float64], visited: npt.NDArray[np.bool_]) -> Pixels:
+    """Return the colour of each value, from dark for the least of those shown to light for the greatest.
 
     Args:
         values: finite numbers, shape (rows, columns).
-        known: which of them to show; the others become UNKNOWN.
+        visited: which of them to show; the others become UNKNOWN.
 
     Returns:
         Red, green, blue from 0 to 255, shape (rows, columns, 3).
     """
     pixels = np.empty((*values.shape, 3), dtype=np.uint8)
     pixels[...] = UNKNOWN
-    if known.any():
-        shown = values[known]
+    if visited.any():
+        shown = values[visited]
         least, greatest = float(shown.min()), float(shown.max())
         places = (shown - least) / ((greatest - least) or 1.0)
         steps = np.linspace(0.0, 1.0, len(_VIRIDIS))
-        pixels[known] = np.stack([np.interp(places, steps, channel) for channel in _VIRIDIS.T], axis=-1).round()
+        pixels[visited] = np.stack([np.interp(places, steps, channel) for channel in _VIRIDIS.T], axis=-1).round()
     return pixels
 
 

@@ -218,10 +218,10 @@ class Recorder:
         Raises BadPayloadError when there is not one row a state and one column an action.
         """
         _check_shape(answer)
-        known = (answer.run, answer.decisions, answer.digest)
-        if not answer.q or known == self._shown:
+        version = (answer.run, answer.decisions, answer.digest)
+        if not answer.q or version == self._shown:
             return None
-        self._shown = known
+        self._shown = version
         return Table(
             time_ns=time_ns,
             actions=answer.actions,

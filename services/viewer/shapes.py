@@ -44,8 +44,8 @@ def hole_mesh(parts: Parts) -> Mesh:
     around = _directions(parts)
     around = around[: round(_CUT * (len(around) - 1)) + 1]
     quads = [
-        [_at(one, p), _at(two, p), _at(two, q), _at(one, q)]
-        for one, two in pairwise(around)
+        [_at(here, p), _at(there, p), _at(there, q), _at(here, q)]
+        for here, there in pairwise(around)
         for p, q in zip(section, section[1:] + section[:1], strict=True)
     ]
     # The cut faces; the section is convex, so that a fan from one corner covers it.
@@ -62,8 +62,8 @@ def peg_mesh(parts: Parts) -> Mesh:
     around = _directions(parts)
     section = [(0.0, 0.0), (half, 0.0), (half, -length), (0.0, -length)]
     quads = [
-        [_at(one, p), _at(two, p), _at(two, q), _at(one, q)]
-        for one, two in pairwise(around)
+        [_at(here, p), _at(there, p), _at(there, q), _at(here, q)]
+        for here, there in pairwise(around)
         for p, q in pairwise(section)
     ]
     return _mesh(quads)

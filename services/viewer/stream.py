@@ -119,9 +119,9 @@ class Stream:
         named = range(0, states, 1 if states <= 10 else 5 if states <= 50 else 20)
         labels += [(((state + 0.5) * column, -10.0), str(state)) for state in named]
         labels.append(((layout.TABLE_WIDE / 2, -18.0), "contact state"))
-        known = item.values[item.visited]
-        if known.size:
-            scale = f"Q from {known.min():.1f} (dark) to {known.max():.1f} (light)"
+        visited = item.values[item.visited]
+        if visited.size:
+            scale = f"Q from {visited.min():.1f} (dark) to {visited.max():.1f} (light)"
             labels.append(((layout.TABLE_WIDE / 2, layout.TABLE_HIGH + 0.7), f"{scale}; grey: untried"))
         places, names = [place for place, _ in labels], [name for _, name in labels]
         names_at = rr.Points2D(places, labels=names, show_labels=True, radii=0.0, colors=(220, 220, 220))
