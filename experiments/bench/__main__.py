@@ -170,7 +170,7 @@ def _add_long_ones(commands: Mapping[str, argparse.ArgumentParser]) -> None:
     soak, fleet = commands["soak"], commands["fleet"]
     sizes = [size for size in range(1, MOST_IN_A_PACKET + 1) if SAMPLES_PER_S % size == 0]
     soak.add_argument("--minutes", type=number(0.01, MOST_MINUTES, "minutes"), default=30.0, metavar="M", help="length")
-    soak.add_argument("--in-packet", type=int, choices=sizes, default=8, help="F/T samples in a packet")
+    soak.add_argument("--in-packet", type=whole(), choices=sizes, default=8, help="F/T samples in a packet")
     soak.add_argument("--keep-episodes", type=whole(1), default=200, metavar="N", help="that the store keeps")
     fleet.add_argument("--cells", type=_counts, default=(1, 2, 4, 8), metavar="N,...", help="default: 1,2,4,8")
     fleet.add_argument("--episodes", type=whole(2), default=60, help="of each cell")

@@ -8,7 +8,6 @@ Each stops at SIGTERM, the receiver only once nothing comes any more, and prints
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 import time
@@ -18,6 +17,7 @@ import numpy as np
 
 from services.bus import command
 from services.bus.service import Service
+from services.rules.command_line import Parser, whole
 from services.wire.errors import TreenailError
 from services.wire.keys import FT
 from services.wire.messages import Force, FtPacket, Torque
@@ -146,12 +146,12 @@ def receive(service: Service) -> dict[str, float]:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Play one of the two parts until stopped."""
-    parser = argparse.ArgumentParser(prog="ft_stream", description=__doc__)
+    parser = Parser(prog="ft_stream", description=__doc__)
     parser.add_argument("part", choices=("send", "receive"))
-    parser.add_argument("--in-packet", type=int, default=8, help="samples in a packet (default: 8)")
+    parser.add_argument("--in-packet", type=whole(1, MOST_IN_A_PACKET), default=8, help="samples in a packet")
     command.add_arguments(parser)
     arguments = parser.parse_args(words)
-    if SAMPLES_PER_S % arguments.in_packet or not 1 <= arguments.in_packet <= MOST_IN_A_PACKET:
+    if SAMPLES_PER_S % arguments.in_packet:
         raise TreenailError(f"--in-packet: expected 1 to 64 and a divisor of 8000, got {arguments.in_packet}")
     name = SENDER if arguments.part == "send" else RECEIVER
     with Service(name, command.options(arguments)) as service:

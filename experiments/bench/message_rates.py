@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 from experiments.bench.values import Value
 from services.bus.inbox import HEARTBEAT_S
+from services.rules.command_line import number, whole
 from services.wire.errors import TreenailError
 
 WIRE_BYTES = 200
@@ -261,26 +262,27 @@ def _sum(parts: Sequence[Load]) -> Load:
     return Load(sum(part.messages for part in parts), sum(part.bytes for part in parts))
 
 
+_COUNT, _AMOUNT = whole(0), number(0.0, 1e15)
 _OPTIONS: tuple[tuple[str, Callable[[str], float], float, str], ...] = (
-    ("cells", int, 10_000, "number of cells"),
-    ("decisions-per-s", float, 2.0, "of one cell: a robot that moves makes some 2, a simulator at full speed 200"),
-    ("decisions-per-episode", float, 100.0, "of one cell"),
-    ("regions", int, 20, "regions, each with routers and stores"),
-    ("routers", int, 3, "routers, and stores, in each region: with 2 of 3 the default still fits"),
-    ("operator-routers", int, 2, "routers in the centre that operators are connected to"),
-    ("operator-heartbeats", float, 0.0, "heartbeats a second of each cell that operators listen to, of its 5"),
-    ("watched", int, 20, "cells of which an operator listens to everything"),
-    ("ft-packets-per-s", float, 0.0, "of a fast F/T sensor of each cell through its router: 1000 for 8 kHz by 8"),
-    ("ft-packet-bytes", float, 520.0, "payload of such a packet"),
-    ("down", int, 0, "routers of each region that are out of order"),
-    ("episode-bytes", float, 195.0, "payload of an episode's summary"),
-    ("journal-bytes", float, 135.0, "payload of the journal for one decision"),
-    ("checkpoint-bytes", float, 1400.0, "payload of a worker's checkpoint"),
-    ("heartbeat-bytes", float, 300.0, "payload of a heartbeat"),
-    ("router-us", float, 34.0, "processor time of a router for one message in or out [us]"),
-    ("store-us", float, 1600.0, "processor time of a store for one put [us]"),
-    ("share", float, 0.7, "how much of one core a router or a store shall use at most"),
-    ("link-mbit-per-s", float, 1000.0, "what a region's link to the centre can carry"),
+    ("cells", _COUNT, 10_000, "number of cells"),
+    ("decisions-per-s", _AMOUNT, 2.0, "of one cell: a robot that moves makes some 2, a simulator at full speed 200"),
+    ("decisions-per-episode", _AMOUNT, 100.0, "of one cell"),
+    ("regions", _COUNT, 20, "regions, each with routers and stores"),
+    ("routers", _COUNT, 3, "routers, and stores, in each region: with 2 of 3 the default still fits"),
+    ("operator-routers", _COUNT, 2, "routers in the centre that operators are connected to"),
+    ("operator-heartbeats", _AMOUNT, 0.0, "heartbeats a second of each cell that operators listen to, of its 5"),
+    ("watched", _COUNT, 20, "cells of which an operator listens to everything"),
+    ("ft-packets-per-s", _AMOUNT, 0.0, "of a fast F/T sensor of each cell through its router: 1000 for 8 kHz by 8"),
+    ("ft-packet-bytes", _AMOUNT, 520.0, "payload of such a packet"),
+    ("down", _COUNT, 0, "routers of each region that are out of order"),
+    ("episode-bytes", _AMOUNT, 195.0, "payload of an episode's summary"),
+    ("journal-bytes", _AMOUNT, 135.0, "payload of the journal for one decision"),
+    ("checkpoint-bytes", _AMOUNT, 1400.0, "payload of a worker's checkpoint"),
+    ("heartbeat-bytes", _AMOUNT, 300.0, "payload of a heartbeat"),
+    ("router-us", _AMOUNT, 34.0, "processor time of a router for one message in or out [us]"),
+    ("store-us", _AMOUNT, 1600.0, "processor time of a store for one put [us]"),
+    ("share", _AMOUNT, 0.7, "how much of one core a router or a store shall use at most"),
+    ("link-mbit-per-s", _AMOUNT, 1000.0, "what a region's link to the centre can carry"),
 )
 
 _ABOVE_0 = (
@@ -300,9 +302,6 @@ def network(arguments: argparse.Namespace) -> Network:
     made = Network(**{name: getattr(arguments, name) for name in Network._fields})
     for name in _ABOVE_0:
         _check(name, getattr(made, name), getattr(made, name) > 0, "more than 0")
-    for name in Network._fields:
-        value = getattr(made, name)
-        _check(name, value, 0 <= value < math.inf, "a number from 0")
     _check("down", made.down, made.down < made.routers, f"less than the {made.routers} routers of a region")
     _check("watched", made.watched, made.watched <= made.cells, f"at most the {made.cells} cells")
     _check("share", made.share, made.share <= 1, "at most 1")

@@ -24,13 +24,15 @@ from experiments.chaos.report import as_json, lines, table, well
 from experiments.lab.progress import reporter
 from services.cell.terminal import console
 from services.rules import command_line
-from services.rules.command_line import EXIT_DIFFERS, EXIT_ERROR, Parser, RawHelp
+from services.rules.command_line import EXIT_DIFFERS, EXIT_ERROR, Parser, RawHelp, whole
 from services.rules.swaps import SPEC, SPEC_HELP
 from services.rules.swaps import planned as swaps_of
 from services.wire.definition import Definition
 from services.wire.definition_file import check_run, load
 from services.wire.errors import TreenailError
+from services.wire.message_base import LONGEST_RUN
 from services.wire.messages import Swap
+from services.wire.randomness import MAX_SEED
 
 PROGRAM = "treenail chaos"
 OTHERS_PER_KILLS = 50
@@ -162,10 +164,12 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file of the definition")
     run.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
     run.add_argument("--swap", action="append", default=[], metavar=SPEC, help=SPEC_HELP)
-    run.add_argument("--seed", type=int, default=0, help="seed of the plan and of the first run")
-    run.add_argument("--episodes", type=int, default=40, help="length of each run")
-    run.add_argument("--kills", type=int, default=20, metavar="N", help="processes to kill")
-    run.add_argument("--others", type=int, metavar="N", help="how often each other kind (default: one for 50 kills)")
+    run.add_argument("--seed", type=whole(0, MAX_SEED), default=0, help="seed of the plan and of the first run")
+    run.add_argument("--episodes", type=whole(1, LONGEST_RUN), default=40, help="length of each run")
+    run.add_argument("--kills", type=whole(0), default=20, metavar="N", help="processes to kill")
+    run.add_argument(
+        "--others", type=whole(0), metavar="N", help="how often each other kind (default: one for 50 kills)"
+    )
     for option, known, what in (
         ("--kinds", tuple(plans.KINDS), "disturb"),
         ("--services", plans.SERVICES, "kill and freeze"),

@@ -21,9 +21,10 @@ from zenoh.handlers import Callback
 from experiments.chaos.line import Faults, Line
 from services.bus.command import run
 from services.bus.session import open_client
-from services.rules.command_line import Parser
+from services.rules.command_line import Parser, whole
 from services.wire import keys as names
 from services.wire.keys import Keys
+from services.wire.randomness import MAX_SEED
 
 PROGRAM = "treenail chaos tap"
 QUERY_WITHIN_S = 30.0
@@ -199,7 +200,7 @@ def main() -> None:
         parser.add_argument(option, required=True, metavar="ENDPOINT", help="Zenoh endpoint of a router")
     parser.add_argument("--service", required=True, choices=sorted(CROSSINGS), help="who stands on the far side")
     parser.add_argument("--cell", default="a", help="name of the cell")
-    parser.add_argument("--seed", type=int, default=0, help="of which message something happens to")
+    parser.add_argument("--seed", type=whole(0, MAX_SEED), default=0, help="of which message something happens to")
     arguments = parser.parse_args()
     line, keys = Line(arguments.seed), Keys(arguments.cell)
     near = Side("near", open_client([arguments.near]), keys, line)

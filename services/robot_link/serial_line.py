@@ -13,6 +13,8 @@ import threading
 from dataclasses import dataclass
 from typing import Any
 
+from services.rules.command_line import number
+from services.rules.settings import add_settings, setting, settings_of
 from services.wire.errors import TreenailError
 
 WRITE_TIMEOUT_S = 5.0
@@ -40,16 +42,13 @@ class LineError(TreenailError):
 class LineSettings:
     """How bytes go over the wire. Ignored by ``socket://``, passed on by ``rfc2217://``."""
 
-    baud: int = 9600
-    """Bits per second (likely for VAL II)."""
-    bits: int = 8
-    """Data bits, 5 to 8 (assumed for VAL II)."""
-    parity: str = "N"
-    """N, E, O, M or S."""
-    stop: float = 1
-    """Stop bits: 1, 1.5 or 2."""
-    xonxoff: bool = False
-    rtscts: bool = False
+    baud: int = setting(9600, "bits per second", within=(1, 10_000_000))
+    """Likely for VAL II; so is what follows."""
+    bits: int = setting(8, "data bits", within=(5, 8))
+    parity: str = setting("N", "none, even, odd, mark or space", choices=tuple("NEOMS"))
+    stop: float = setting(1.0, "stop bits", choices=(1.0, 1.5, 2.0), type=number(1.0, 2.0))
+    xonxoff: bool = setting(False, "software flow control")
+    rtscts: bool = setting(False, "hardware flow control")
 
     def __str__(self) -> str:
         flow = " XON/XOFF" * self.xonxoff + " RTS/CTS" * self.rtscts
@@ -169,20 +168,13 @@ class _Pump(threading.Thread):
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the URL and the settings of the line."""
-    usual = LineSettings()
     parser.add_argument("url", metavar="URL", help="pyserial URL: /dev/ttyS0, socket://HOST:PORT, rfc2217://HOST:PORT")
-    parser.add_argument("--baud", type=int, default=usual.baud, help=f"bits per second (default: {usual.baud})")
-    parser.add_argument("--bits", type=int, default=usual.bits, choices=(5, 6, 7, 8), help="data bits (default: 8)")
-    parser.add_argument("--parity", default=usual.parity, choices=tuple("NEOMS"), help="parity (default: N, none)")
-    parser.add_argument("--stop", type=float, default=usual.stop, choices=(1, 1.5, 2), help="stop bits (default: 1)")
-    parser.add_argument("--xonxoff", action="store_true", help="software flow control (default: none)")
-    parser.add_argument("--rtscts", action="store_true", help="hardware flow control (default: none)")
+    add_settings(parser, LineSettings)
 
 
 def line_of(arguments: argparse.Namespace) -> Line:
     """Return the line of parsed arguments, not yet open."""
-    one = arguments
-    return Line(one.url, LineSettings(one.baud, one.bits, one.parity, one.stop, one.xonxoff, one.rtscts))
+    return Line(arguments.url, settings_of(LineSettings(), arguments))
 
 
 def _number_of(port: Any) -> int | None:

@@ -9,6 +9,7 @@ import argparse
 import difflib
 import errno
 import logging
+import math
 import os
 import platform
 import re
@@ -17,7 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
-from typing import IO, Any, NoReturn, TypeVar
+from typing import IO, Any, NoReturn
 
 from services.wire import text
 from services.wire.errors import TreenailError
@@ -42,7 +43,7 @@ EXTRAS = {
 _SAFE_PATH = "PYTHONSAFEPATH"
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """What writing says when nothing more goes on the disk, or to the terminal."""
-T = TypeVar("T", int, float)
+_MANY = 10**9
 
 
 class Help(argparse.HelpFormatter):
@@ -78,9 +79,9 @@ class Parser(argparse.ArgumentParser):
         self.exit(EXIT_ERROR, f"{self.prog}: {' '.join(message.split())}{meant}; see {self.prog} --help\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        choices = None if action.choices is None else [str(choice) for choice in action.choices]
-        if choices is None or str(value) in choices:
+        if action.choices is None or value in action.choices:
             return
+        choices = [str(choice) for choice in action.choices]
         got = f"got {str(value)!r}{did_you_mean(str(value), choices)}"
         raise argparse.ArgumentError(action, f"expected one of {', '.join(choices)}, {got}")
 
@@ -101,14 +102,14 @@ def _options(parser: argparse.ArgumentParser) -> list[str]:
     return names
 
 
-def whole(least: int = 1, most: int = 10**9) -> Callable[[str], int]:
+def whole(least: int = 1, most: int = _MANY) -> Callable[[str], int]:
     """Return a reader of whole numbers from ``least`` to ``most``, written in plain digits."""
 
     def read(said: str) -> int:
         try:
             return text.whole(said, least, most)
         except ValueError:
-            wanted = f"a whole number {_range(least, most, 10**9)}"
+            wanted = f"a whole number {range_of(least, most)}"
             raise argparse.ArgumentTypeError(f"expected {wanted}, got {said!r}") from None
 
     return read
@@ -121,14 +122,26 @@ def number(least: float, most: float, unit: str = "") -> Callable[[str], float]:
         with suppress(ValueError):
             if least <= text.number(said) <= most:
                 return text.number(said)
-        wanted = f"{_range(least, most, float('inf'))} {unit}".rstrip()
+        wanted = f"{range_of(least, most)} {unit}".rstrip()
         raise argparse.ArgumentTypeError(f"expected {wanted}, got {said!r}")
 
     return read
 
 
-def _range(least: T, most: T, unlimited: T) -> str:
-    return f"from {least:g}" if most >= unlimited else f"from {least:g} to {most:.10g}"
+def range_of(least: float, most: float) -> str:
+    """Return a range in words; a most that nobody reaches is not named."""
+    if most in (_MANY, math.inf):
+        return f"from {least:g}"
+    return f"from {least:g} to {most}" if isinstance(most, int) else f"from {least:g} to {most:.10g}"
+
+
+def address(said: str) -> tuple[str, int]:
+    """Read ``host:port``, or ``[host]:port``, to listen on; 0 is any free port."""
+    host, _, port = said.rpartition(":")
+    with suppress(ValueError):
+        if host.strip("[]"):
+            return host.strip("[]"), text.whole(port, 0, 65535)
+    raise argparse.ArgumentTypeError(f"expected host:port, got {said[:80]!r}")
 
 
 def run(

@@ -11,8 +11,7 @@ import threading
 
 from services.bus import command
 from services.bus.stop_flag import StopFlag
-from services.rules.command_line import Parser
-from services.sensor_jr3.settings import address
+from services.rules.command_line import Parser, address
 from services.sensor_jr3.transports import open_card
 from services.sensor_jr3.word_server import WordServer
 
@@ -21,9 +20,9 @@ def main() -> None:
     """Parse the command line, serve, stop on a signal."""
     parser = Parser(prog="python -m services.sensor_jr3.card_server", description=__doc__)
     parser.add_argument("url", help="the card, such as isa:0x260")
-    parser.add_argument("--listen", default="127.0.0.1:7460", metavar="HOST:PORT", help="default: 127.0.0.1:7460")
+    parser.add_argument("--listen", type=address, default="127.0.0.1:7460", metavar="HOST:PORT", help="where")
     arguments = parser.parse_args()
-    host, port = address(arguments.listen)
+    host, port = arguments.listen
     stop = StopFlag()
     card = open_card(arguments.url)
     with WordServer(card, host, port) as server:

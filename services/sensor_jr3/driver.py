@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from services.rules.ft_counts import AXES, LEAST_COUNTS, UNITS, CountsError, FtCounts
+from services.rules.settings import check, setting
 from services.sensor_jr3 import memory_map as jr3
 from services.sensor_jr3.card import (
     ChangedError,
@@ -46,27 +47,17 @@ class Setup:
     """Fx Fy Fz Mx My Mz in the card's unit; those the sensor calls its default; or those in use."""
     transform: tuple[Link, ...] | None = ()
     """Links of the card's own transform, the identity for none; None leaves the one in use."""
-    offset_set: int | None = None
-    """Set of offsets to use, 0 to 15; None leaves the one in use."""
-    zero: str = "no"
+    offset_set: int | None = setting(None, "set of offsets to use (default: as it is)", within=(0, 15))
+    zero: str = setting("no", "take the load as zero", choices=ZERO, nargs="?", const="reset")
     """``reset`` has the card take the present load as zero; ``filter0`` adds what filter 0 shows to the offsets."""
-    units: str | None = None
-    """A key of ``ft_counts.UNITS`` to believe instead of the card's word."""
-    settle_s: float = 10.0
-    """Time for a sensor to settle once its calibration is in [s]; comedi waits 10 s after each start."""
-    sensor_timeout_s: float = 30.0
-    """How long a sensor may take to show up [s]."""
+    units: str | None = setting(None, "unit system, instead of what the card says", choices=tuple(UNITS))
+    settle_s: float = setting(10.0, "time for the sensor to settle", within=(0.0, 3600.0))
+    """Once its calibration is in; comedi waits 10 s after each start."""
+    sensor_timeout_s: float = setting(30.0, "time for it to show up", within=(0.001, 3600.0))
 
     def __post_init__(self) -> None:
         """Raise SettingError for what cannot be used."""
-        if self.zero not in ZERO:
-            raise SettingError(f"zero: expected one of {', '.join(ZERO)}, got {self.zero[:20]!r}")
-        if self.offset_set is not None and not 0 <= self.offset_set <= 15:
-            raise SettingError(f"offset set: expected 0 to 15, got {self.offset_set}")
-        if self.units is not None and self.units not in UNITS:
-            raise SettingError(f"units: expected one of {', '.join(UNITS)}, got {self.units[:20]!r}")
-        if not (0.0 <= self.settle_s <= 3600.0 and 0.0 < self.sensor_timeout_s <= 3600.0):
-            raise SettingError(f"settle, timeout: expected 0 to 3600 s, got {self.settle_s}, {self.sensor_timeout_s}")
+        check(self, SettingError)
 
 
 class Identity(NamedTuple):

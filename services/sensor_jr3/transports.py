@@ -9,8 +9,8 @@ from services.sensor_jr3.isa import MOST_BASE, IsaCard
 from services.sensor_jr3.tcp import TcpCard
 
 EXPECTED = "expected isa:0x260 or tcp://host:port"
-_ISA = re.compile(r"isa:(0x[0-9a-f]{1,4}|\d{1,5})\Z", re.IGNORECASE)
-_TCP = re.compile(r"tcp://(\[[0-9a-f:.]+\]|[a-z0-9_.-]+):(\d{1,5})\Z", re.IGNORECASE)
+_ISA = re.compile(r"isa:(0x[0-9a-f]{1,4}|[1-9]\d{0,4})\Z", re.ASCII | re.IGNORECASE)
+_TCP = re.compile(r"tcp://(\[[0-9a-f:.]+\]|[a-z0-9_.-]+):(\d{1,5})\Z", re.ASCII | re.IGNORECASE)
 _NO_WAY = {
     "comedi": "comedi's driver gives filtered values only, without sample counters and error bits: "
     "neither a lost sample nor a saturated or unplugged sensor could be told",

@@ -5,24 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 
 from services.bus import command
+from services.rules.command_line import whole
+from services.rules.settings import add_settings, settings_of
 from services.store.retention import RetentionSettings
 from services.store.service import MAX_BYTES, serve
 
 
 def main() -> None:
     """Parse the command line and serve."""
-    keep = RetentionSettings()
     parser = command.parser("store", __doc__)
     parser.add_argument("--file", type=Path, default=Path("store.sqlite"), help="SQLite file")
-    parser.add_argument("--keep-checkpoints", type=int, default=keep.checkpoints, help="newest checkpoints per worker")
-    parser.add_argument("--keep-episodes", type=int, default=keep.journal_episodes, help="journal episodes per run")
-    parser.add_argument("--keep-runs", type=int, default=keep.runs, help="newest runs")
-    parser.add_argument("--max-bytes", type=int, default=MAX_BYTES, help=f"largest size of the file ({MAX_BYTES})")
+    add_settings(parser, RetentionSettings())
+    parser.add_argument("--max-bytes", type=whole(1, 1 << 50), default=MAX_BYTES, help="largest size of the file")
     arguments = parser.parse_args()
-    try:
-        retention = RetentionSettings(arguments.keep_checkpoints, arguments.keep_episodes, arguments.keep_runs)
-    except ValueError as error:
-        parser.error(str(error))
+    retention = settings_of(RetentionSettings(), arguments)
     serve(command.options(arguments), arguments.file, retention, arguments.max_bytes)
 
 

@@ -10,24 +10,23 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
+from services.rules.settings import check, setting
 from services.wire.keys import CHECKPOINT, ENTRY, ROOT, Named, named
 
 
 @dataclass(frozen=True, slots=True)
 class RetentionSettings:
-    """How much is kept; each at least 1, ValueError otherwise."""
+    """How much is kept. Raises ValueError for less than 1."""
 
-    checkpoints: int = 10
-    """Numbered checkpoints for each cell, run and service."""
-    journal_episodes: int = 100_000
-    """Episodes in the journal of each cell and run, unless more are needed after a kept checkpoint."""
-    runs: int = 50
-    """Runs of each cell."""
+    checkpoints: int = setting(10, "newest checkpoints per worker", "--keep-checkpoints", within=(1, 10**9))
+    """Numbered ones, for each cell, run and service."""
+    journal_episodes: int = setting(100_000, "journal episodes per run", "--keep-episodes", within=(1, 10**9))
+    """Of each cell, unless more are needed after a kept checkpoint."""
+    runs: int = setting(50, "newest runs", "--keep-runs", within=(1, 10**9))
+    """Of each cell."""
 
     def __post_init__(self) -> None:
-        for name in ("checkpoints", "journal_episodes", "runs"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"retention setting {name}: expected at least 1, got {getattr(self, name)}")
+        check(self, ValueError)
 
 
 @dataclass(slots=True)

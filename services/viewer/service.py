@@ -13,6 +13,7 @@ import zenoh
 from zenoh.handlers import FifoChannel, RingChannel
 
 from services.bus.service import Options, Service
+from services.rules.settings import setting
 from services.viewer import record
 from services.viewer.address import bracketed
 from services.viewer.stream import Stream
@@ -50,16 +51,18 @@ _REPLIES = 16
 class Settings:
     """Where the viewer serves, and what it keeps."""
 
-    bind: str = LOOPBACK
-    """Address to listen on. Whoever reaches ``port`` may also add to the picture: Rerun asks nobody who he is."""
-    port: int = 9876
-    """Port to listen on, 0 for any free one."""
-    memory_limit: str = "1MB"
-    """How much of the past is kept for viewers that attach later: a browser takes it in before the present goes on."""
-    save: Path | None = None
-    """File to record to as well; when it is there already, its next piece."""
-    web_port: int | None = 9090
-    """Port of the page for browsers, 0 for any free one; None for no page."""
+    bind: str = setting(LOOPBACK, "address to listen on", metavar="ADDRESS")
+    """Whoever reaches ``port`` may also add to the picture: Rerun asks nobody who he is."""
+    port: int = setting(9876, "0 for any free one", within=(0, 65535))
+    memory_limit: str = setting("1MB", "how much of the past viewers that attach later get to see", metavar="SIZE")
+    """A browser takes it in before the present goes on."""
+    save: Path | None = setting(
+        None, "record to a .rrd file as well; when it is there, to FILE.1.rrd and so on", type=Path, metavar="FILE"
+    )
+    web_port: int | None = setting(
+        9090, "port of the page for browsers, 0 for any free one", within=(0, 65535), metavar="PORT"
+    )
+    """None for no page."""
 
 
 def serve(options: Options, settings: Settings) -> None:

@@ -16,6 +16,7 @@ from services.cell.authority import (
 )
 from services.cell.certificates import certify
 from services.cell.terminal import console
+from services.rules.command_line import whole
 from services.wire.keys import SERVICES
 
 MAX_DAYS = 3650
@@ -32,7 +33,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME_OR_IP",
         help="how other machines reach the router; may be repeated, localhost and this machine's name are always there",
     )
-    parser.add_argument("--days", type=int, default=365, help="how long new certificates are valid (default: 365)")
+    parser.add_argument(
+        "--days", type=whole(1, MAX_DAYS), default=365, help="how long new certificates are valid (default: 365)"
+    )
     parser.add_argument(
         "--only",
         action="extend",
@@ -51,8 +54,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def act(arguments: argparse.Namespace) -> None:
     """Make what is missing, renew what expires, and print a row a name."""
-    if not 1 <= arguments.days <= MAX_DAYS:
-        raise AuthorityError(f"--days: expected 1 to {MAX_DAYS}, got {arguments.days}")
     made, done = certify(arguments.out, arguments.host, arguments.days, arguments.only or NAMES)
     if arguments.owner is not None:
         give(arguments.out, [row.name for row in (made, *done)], arguments.owner)

@@ -18,6 +18,7 @@ from services.cell.client import Client
 from services.cell.local import stopped_store
 from services.cell.terminal import console
 from services.rules import skill as skill_file
+from services.rules.command_line import number, whole
 from services.rules.skill import NamedSkill
 from services.rules.swaps import in_force, kind_of, words
 from services.wire.errors import CellError
@@ -50,7 +51,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = commands.add_parser("export", help="write what was learnt into one file, for another cell to begin with")
     add.add_argument("file", type=Path, metavar="FILE")
     add.add_argument("--run", help="default: the run that the cell works on, else the last one")
-    add.add_argument("--episode", type=int, metavar="E", help="as learnt before episode E (default: in all so far)")
+    add.add_argument(
+        "--episode", type=whole(0), metavar="E", help="as learnt before episode E (default: in all so far)"
+    )
     add.add_argument("--force", action="store_true", help="replace the file if there is one")
     add.set_defaults(command=_export)
     _add_place(add)
@@ -60,7 +63,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     which.add_argument("--none", action="store_true", help="begin with nothing learnt")
     add.add_argument(
         "--timeout",
-        type=float,
+        type=number(0.0, 1e6, "seconds"),
         default=TAKEN_WITHIN_S,
         metavar="S",
         help=f"seconds to wait for a running task to end its episode (default: {TAKEN_WITHIN_S:g})",

@@ -11,6 +11,7 @@ import msgspec
 
 from services.cell import client
 from services.cell.client import Client
+from services.rules.command_line import number, whole
 from services.rules.swaps import Wish, in_force, request_for, words
 from services.wire.errors import NoAnswerError, RefusedError, SwapError
 from services.wire.keys import EXPERIMENT, SWAP
@@ -33,9 +34,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         add.add_argument(
             "--set", action="append", default=[], metavar="KEY=VALUE", help="a setting, as alpha=0.05; may be repeated"
         )
-        add.add_argument("--at", type=int, metavar="EPISODE", help="from that episode on (default: the next to begin)")
         add.add_argument(
-            "--timeout", type=float, default=10.0, metavar="S", help="how long task and store get (default: 10)"
+            "--at", type=whole(0), metavar="EPISODE", help="from that episode on (default: the next to begin)"
+        )
+        add.add_argument(
+            "--timeout",
+            type=number(0.0, 1e6, "seconds"),
+            default=10.0,
+            metavar="S",
+            help="how long task and store get (default: 10)",
         )
         add.add_argument("--json", action="store_true", help="as JSON")
         client.add_arguments(add)

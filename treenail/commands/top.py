@@ -22,6 +22,7 @@ from services.cell import client
 from services.cell.terminal import console
 from services.cell.traffic import Heart, Traffic
 from services.cell.watch import Watch
+from services.rules.command_line import number
 
 SHOW_EVERY_S = 1.0
 WINDOW_S = 10
@@ -44,7 +45,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     parser.epilog = ABOUT
     parser.add_argument("--once", action="store_true", help=f"print one table after {ONCE_S:g} seconds")
-    parser.add_argument("--seconds", type=_seconds, metavar="S", help="print one table after so many seconds")
+    parser.add_argument(
+        "--seconds", type=number(0.1, 86400.0, "seconds"), metavar="S", help="print one table after so many seconds"
+    )
     parser.add_argument("--json", action="store_true", help="as JSON, once")
     client.add_arguments(parser)
 
@@ -165,13 +168,3 @@ def _made(first: str, *others: str) -> Table:
     for heading in others:
         table.add_column(heading, justify="left" if heading == "phase" else "right", no_wrap=True)
     return table
-
-
-def _seconds(text: str) -> float:
-    try:
-        seconds = float(text)
-    except ValueError:
-        seconds = 0.0
-    if not 0.1 <= seconds <= 86400:
-        raise argparse.ArgumentTypeError(f"expected 0.1 to 86400 seconds, got {text!r}")
-    return seconds

@@ -8,8 +8,11 @@ from pathlib import Path
 from services.cell import hil
 from services.cell.hil import LINKS, emulated
 from services.cell.plan import Plan, make_plan, viewer_at
+from services.rules.command_line import whole
 from services.rules.swaps import SPEC, SPEC_HELP
 from services.wire.errors import CellError
+from services.wire.message_base import LONGEST_RUN
+from services.wire.randomness import MAX_SEED
 
 PROFILES = ("sim", "hil")
 WEB_PORT = 9090
@@ -22,8 +25,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file of the definition")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
-    parser.add_argument("--episodes", type=int, help="length of the run (default: the definition's)")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the run, from 0 (default: 0)")
+    parser.add_argument("--episodes", type=whole(1, LONGEST_RUN), help="length of the run (default: the definition's)")
+    parser.add_argument("--seed", type=whole(0, MAX_SEED), default=0, help="seed of the run, from 0 (default: 0)")
     parser.add_argument("--skill", type=Path, metavar="FILE", help="begin with what `treenail checkpoint export` wrote")
     parser.add_argument("--swap", action="append", default=[], metavar=SPEC, help=SPEC_HELP)
     parser.add_argument(
@@ -35,8 +38,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--certs", type=Path, metavar="FOLDER", help="what `treenail certs` made: with mutual TLS and access control"
     )
-    parser.add_argument("--port", type=int, default=7447, help="the router's port on 127.0.0.1, 0 for a free one")
-    parser.add_argument("--viewer-port", type=int, default=9876, help="port for Rerun viewers, 0 for a free one")
+    parser.add_argument(
+        "--port", type=whole(0, 65535), default=7447, help="the router's port on 127.0.0.1, 0 for a free one"
+    )
+    parser.add_argument(
+        "--viewer-port", type=whole(0, 65535), default=9876, help="port for Rerun viewers, 0 for a free one"
+    )
     parser.add_argument(
         "--viewer-bind",
         default="127.0.0.1",
@@ -45,7 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--web-port",
-        type=int,
+        type=whole(0, 65535),
         help="port of the page for browsers, 0 for a free one (default: 9090, or a free one with --viewer-port 0)",
     )
     parser.add_argument("--no-web", action="store_true", help="serve no page for browsers")

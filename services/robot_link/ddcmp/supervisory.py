@@ -9,13 +9,15 @@ from __future__ import annotations
 
 import argparse
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from services.robot_link.channel import Received
 from services.robot_link.ddcmp.events import State
 from services.robot_link.ddcmp.line import Ddcmp
 from services.robot_link.ddcmp.logical_units import Kind, LogicalUnits, prefix_of
 from services.robot_link.ddcmp.settings import DdcmpError, DdcmpSettings
+from services.rules.settings import add_settings
+from services.rules.settings import settings_of as from_options
 
 HOST = DdcmpSettings(listen_s=7.0, window=8, buffers=255)
 """The host listens for two of the controller's STRTs before it sends its own, to which VAL II's reaction is unknown. It
@@ -116,12 +118,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     ):
         shown = prefix.hex(" ")
         group.add_argument(f"--lun-{name}", default=shown, metavar="HEX", help=f"{text} (default: {shown})")
-    for name, seconds, text in (
-        ("timer", HOST.reply_timer_s, "ask again, or begin again, after so long"),
-        ("listen", HOST.listen_s, "wait so long for the controller to begin before we do"),
-    ):
-        shown = f"{text} (default: {seconds:g})"
-        group.add_argument(f"--ddcmp-{name}", type=float, default=seconds, metavar="S", help=shown)
+    add_settings(group, HOST)
 
 
 def settings_of(arguments: argparse.Namespace, baud: int | None = None) -> SupervisorySettings:
@@ -129,12 +126,7 @@ def settings_of(arguments: argparse.Namespace, baud: int | None = None) -> Super
 
     Raises DdcmpError for values out of range.
     """
-    line = replace(
-        HOST,
-        reply_timer_s=arguments.ddcmp_timer,
-        start_timer_s=arguments.ddcmp_timer,
-        listen_s=arguments.ddcmp_listen,
-        byte_s=10 / baud if baud else 0.0,
-    )
+    byte_s = 10 / baud if baud else 0.0
+    line = from_options(HOST, arguments, start_timer_s=arguments.reply_timer_s, byte_s=byte_s)
     prefixes = (prefix_of(text) for text in (arguments.lun_read, arguments.lun_answer, arguments.lun_write))
     return SupervisorySettings(line, LogicalUnits(*prefixes))

@@ -16,8 +16,7 @@ from services.robot_link.emulator.poses import CONVENTIONS, Frame
 from services.robot_link.emulator.server import Server, Text
 from services.robot_link.emulator.supervisory import SupervisoryController
 from services.robot_link.emulator.world_arm import World, WorldArm
-from services.robot_link.settings import SettingError
-from services.rules.command_line import Parser
+from services.rules.command_line import Parser, address, number, whole
 from services.wire.keys import Keys
 
 LOG = logging.getLogger("robot-emulator")
@@ -29,22 +28,30 @@ def main() -> None:
     """Parse the command line, serve, stop on a signal."""
     made = Parser(prog="python -m services.robot_link.emulator", description=__doc__)
     usual = Behaviour()
-    made.add_argument("--listen", default="127.0.0.1:0", metavar="HOST:PORT", help="port 0: a free one, printed")
+    made.add_argument(
+        "--listen", type=address, default="127.0.0.1:0", metavar="HOST:PORT", help="port 0: a free one, printed"
+    )
     made.add_argument("--pty", action="store_true", help="on a pseudo terminal instead, its name is printed")
     made.add_argument("--mode", choices=("terminal", "supervisory"), default="terminal", help="default: terminal")
-    made.add_argument("--baud", type=int, help="bits per second of the line (default: as fast as it goes)")
+    made.add_argument("--baud", type=whole(), help="bits per second of the line (default: as fast as it goes)")
     made.add_argument("--prompt", choices=("started", "arrived"), default=usual.prompt, help="after a motion")
     made.add_argument("--convention", choices=CONVENTIONS, default=usual.convention, help="of O, A, T (default: zyz)")
-    made.add_argument("--motion-s", type=float, default=usual.motion_s, help="how long a motion takes (default: 0)")
+    made.add_argument(
+        "--motion-s", type=number(0.0, 600.0), default=usual.motion_s, help="how long a motion takes (default: 0)"
+    )
     made.add_argument("--cold", action="store_true", help="begin with the questions of a cold start")
     made.add_argument("--power-off", action="store_true", help="begin with the arm power off")
     made.add_argument("--start", default="TREENAIL", help="name of the taught location (default: TREENAIL)")
-    made.add_argument("--start-height-mm", type=float, default=20.0, help="its tip above the mouth (default: 20)")
+    made.add_argument(
+        "--start-height-mm", type=number(0.0, 500.0), default=20.0, help="its tip above the mouth (default: 20)"
+    )
     made.add_argument("--world", metavar="CELL", help="the peg is that of the simulator in this cell")
-    made.add_argument("--sensor-s", type=float, default=0.0, help="an emulated sensor has so long to show a motion")
+    made.add_argument(
+        "--sensor-s", type=number(0.0, 60.0), default=0.0, help="an emulated sensor has so long to show a motion"
+    )
     command.add_arguments(made)
     arguments = made.parse_args()
-    host, port = _address(arguments.listen)
+    host, port = arguments.listen
     stop = StopFlag()
     start = poses.frame(START, "zyz")
     session: zenoh.Session | None = None
@@ -78,13 +85,6 @@ def main() -> None:
     server.close()
     if session is not None:
         session.close()  # type: ignore[no-untyped-call]
-
-
-def _address(text: str) -> tuple[str, int]:
-    host, _, port = text.rpartition(":")
-    if not (host and port.isascii() and port.isdigit() and int(port) <= 65535):
-        raise SettingError(f"--listen: expected host:port, got {text[:80]!r}")
-    return host.strip("[]"), int(port)
 
 
 if __name__ == "__main__":

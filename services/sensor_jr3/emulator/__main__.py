@@ -13,13 +13,13 @@ import zenoh
 from services.bus import command
 from services.bus.session import open_client
 from services.bus.stop_flag import StopFlag
-from services.rules.command_line import Parser
+from services.rules.command_line import Parser, address, number, whole
 from services.sensor_jr3.card import SettingError
 from services.sensor_jr3.emulator.card import EmulatedCard
 from services.sensor_jr3.emulator.dsp import Dsp, Sensor
 from services.sensor_jr3.emulator.follow import Follower
 from services.sensor_jr3.emulator.loads import Load, recording
-from services.sensor_jr3.settings import address, whole_numbers
+from services.sensor_jr3.settings import whole_numbers
 from services.sensor_jr3.word_server import WordServer
 from services.wire.keys import Keys
 from services.wire.message_base import LARGEST_COMPONENT
@@ -31,7 +31,7 @@ LOG = logging.getLogger("jr3-emulator")
 def main() -> None:
     """Parse the command line, serve, stop on a signal."""
     arguments = _parser().parse_args()
-    host, port = address(arguments.listen)
+    host, port = arguments.listen
     load_at: Callable[[float], Load] | None = None
     if arguments.recording is not None:
         load_at = recording(arguments.recording).at
@@ -57,27 +57,26 @@ def main() -> None:
 
 def _parser() -> argparse.ArgumentParser:
     made = Parser(prog="python -m services.sensor_jr3.emulator", description=__doc__)
-    made.add_argument("--listen", default="127.0.0.1:0", metavar="HOST:PORT", help="port 0: a free one, printed")
+    made.add_argument(
+        "--listen", type=address, default="127.0.0.1:0", metavar="HOST:PORT", help="port 0: a free one, printed"
+    )
     felt = made.add_mutually_exclusive_group()
     felt.add_argument("--load", metavar="FX,FY,FZ,MX,MY,MZ", help="a constant load [N, N m] (default: none)")
     felt.add_argument("--recording", type=Path, metavar="CSV", help="loads over time: t_s,fx_n,...,mz_nm")
     felt.add_argument("--follow", metavar="CELL", help="feel what the simulator of that cell publishes on ft")
-    made.add_argument("--units", type=int, choices=range(4), default=Sensor.units, help="unit code of the card")
+    made.add_argument("--units", type=whole(0, 3), default=Sensor.units, help="unit code of the card, 0 to 3")
     made.add_argument("--full-scales", help="six numbers in that unit (default: 65,65,130,50,50,50)")
-    made.add_argument("--serial", type=int, default=Sensor.serial, help="1 to 65000")
-    made.add_argument("--adc-bits", type=int, default=Sensor.adc_bits, help="8 to 16")
-    made.add_argument("--calibration-s", type=float, default=2.0, help="after plugging in (default: 2)")
+    made.add_argument("--serial", type=whole(1, 65000), default=Sensor.serial, help="1 to 65000")
+    made.add_argument("--adc-bits", type=whole(8, 16), default=Sensor.adc_bits, help="8 to 16")
+    made.add_argument(
+        "--calibration-s", type=number(0.0, 60.0, "s"), default=2.0, help="after plugging in (default: 2)"
+    )
     made.add_argument("--no-auto-zero", action="store_true", help="do not zero the load after plugging in")
     command.add_arguments(made)
     return made
 
 
 def _sensor(arguments: argparse.Namespace) -> Sensor:
-    if not (1 <= arguments.serial <= 65000 and 8 <= arguments.adc_bits <= 16):
-        got = f"{arguments.serial}, {arguments.adc_bits}"
-        raise SettingError(f"sensor: expected a serial of 1 to 65000 and 8 to 16 ADC bits, got {got}")
-    if not 0.0 <= arguments.calibration_s <= 60.0:
-        raise SettingError(f"--calibration-s: expected 0 to 60 s, got {arguments.calibration_s}")
     scales = Sensor.full_scales
     if arguments.full_scales is not None:
         scales = whole_numbers("--full-scales", arguments.full_scales, 1, 32767)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from services.bus import command
-from services.rules.command_line import Parser
+from services.rules.command_line import Parser, whole
 from services.sensor_jr3.card import SettingError
 from services.sensor_jr3.emulator.faults import FAULTS
 from services.sensor_jr3.tcp import TcpCard
@@ -29,7 +29,7 @@ def main() -> None:
     )
     parser.add_argument("url", help="tcp://host:port of the emulator")
     parser.add_argument("fault", choices=FAULTS)
-    parser.add_argument("value", type=int)
+    parser.add_argument("value", type=whole(0, 0xFFFF))
     arguments = parser.parse_args()
     press(arguments.url, arguments.fault, arguments.value)
 

@@ -182,7 +182,7 @@ def test_top_prints_one_table_where_there_is_no_terminal(running: Any, run_modul
         (("policy", "--cell", "b", "--state", "1"), "cell 'b': nobody is alive; cells here: a"),
         (("get", "agent/q_table", "--cell", "b"), "cell 'b': nobody is alive; cells here: a"),
         (("top", "--cell", "b"), "cell 'b': nobody is alive; cells here: a"),
-        (("top", "--seconds", "0"), "expected 0.1 to 86400 seconds"),
+        (("top", "--seconds", "0"), "expected from 0.1 to 86400 seconds"),
         (("status", "--cell", "b"), "cell 'b': nobody is alive; cells here: a"),
         (("status", "--cell", "B"), "cell: expected"),
         (("get", "bad//key"), "bad//key"),

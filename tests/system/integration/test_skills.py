@@ -277,7 +277,7 @@ def test_what_cannot_be_is_said_in_one_line(
     live.digests()
     assert "expected one that the store knows (" in refused("export", out, "--run", "none")
     assert "--episode: expected 0 to 2, where run " in refused("export", out, "--episode", "3")
-    assert "--episode: expected 0 to 2" in refused("export", out, "--episode", "-1")
+    assert "--episode: expected a whole number from 0" in refused("export", out, "--episode", "-1")
     assert f"{tmp_path}/no/x: cannot be written: No such file" in refused("export", f"{tmp_path}/no/x")
     before = file.read_bytes()
     assert f"{file}: expected no such file yet" in refused("export", str(file))

@@ -271,12 +271,12 @@ def _fails(process: Any) -> str:
         (("--set", "start.nothing=1"), "nothing"),
         (("--set", "x"), "--set"),
         (("--experiment", "no-such-experiment"), "no-such-experiment"),
-        (("--episodes", "0"), "--episodes: expected 1 to 1000000, got 0"),
+        (("--episodes", "0"), "--episodes: expected a whole number from 1 to 1000000, got '0'"),
         (("--episodes", "many"), "--episodes"),
-        (("--seed", "-1"), "--seed: expected 0 to 9223372036854775807, got -1"),
+        (("--seed", "-1"), "--seed: expected a whole number from 0 to 9223372036854775807, got '-1'"),
         (("--seed", "x"), "--seed"),
         (("--cell", "A/b"), "cell: expected"),
-        (("--port", "70000"), "--port 70000"),
+        (("--port", "70000"), "--port: expected a whole number from 0 to 65535"),
     ],
 )
 def test_what_cannot_be_is_said_in_one_line_and_nothing_is_started(

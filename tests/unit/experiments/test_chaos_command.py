@@ -27,7 +27,7 @@ def fails(tmp_path: Path, *words: str, path: str | None = None) -> str:
         (("--services", "robot"), "--services: expected some of router"),
         (("--kills", "0", "--kinds", "kill"), "expected something to do"),
         (("--kills", "many"), "--kills"),
-        (("--episodes", "0"), "--episodes: expected 1 to 1000000, got 0"),
+        (("--episodes", "0"), "--episodes: expected a whole number from 1 to 1000000, got '0'"),
         (("--experiment", "no-such-experiment"), "no-such-experiment"),
     ],
 )

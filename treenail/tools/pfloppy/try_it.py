@@ -20,7 +20,7 @@ from typing import TypeVar
 from services.robot_link import serial_line
 from services.robot_link.serial_line import Line
 from services.rules import command_line
-from services.rules.command_line import Parser, RawHelp
+from services.rules.command_line import Parser, RawHelp, number, whole
 from services.wire.errors import TreenailError
 from treenail.tools.pfloppy.client import Directory, FloppyClient, FloppyError, Talk
 
@@ -64,9 +64,9 @@ def _act() -> None:
     serial_line.add_arguments(parser)
     parser.add_argument("command", metavar="COMMAND", type=str.upper, choices=tuple(WORDS), help="see above")
     parser.add_argument("words", metavar="WORD", nargs="*", help="names and files")
-    parser.add_argument("--unit", type=int, default=0, choices=range(256), metavar="N", help="unit (default: 0)")
+    parser.add_argument("--unit", type=whole(0, 255), default=0, metavar="N", help="unit, 0 to 255")
     parser.add_argument("--mrsp", action="store_true", help="ask for every byte by itself")
-    parser.add_argument("--patience", type=float, default=10.0, metavar="S", help="wait so long (default: 10)")
+    parser.add_argument("--patience", type=number(0.01, 1e6), default=10.0, metavar="S", help="wait so long")
     arguments = parser.parse_args()
     fewest, most = WORDS[arguments.command]
     if not fewest <= len(arguments.words) <= most:

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from services.robot_link import serial_line
 from services.rules import command_line
-from services.rules.command_line import Parser
+from services.rules.command_line import Parser, number
 from services.wire.errors import TreenailError
 from treenail.tools.pterm.prompt import ERROR, PROMPT, PromptWatch
 from treenail.tools.pterm.script import Script
@@ -42,8 +42,6 @@ def _act(words: Sequence[str] | None) -> int:
             re.compile(getattr(arguments, option))
         except re.error as error:
             parser.error(f"--{option}: expected a regular expression, got {getattr(arguments, option)!r}: {error}")
-    if arguments.quiet < 0 or arguments.patience <= 0:
-        parser.error("--quiet and --patience: expected seconds, positive")
     watch = PromptWatch(arguments.quiet, arguments.prompt, arguments.error)
     script = Script(watch, arguments.patience, arguments.keep_going)
     interactive = sys.stdin.isatty()
@@ -51,8 +49,8 @@ def _act(words: Sequence[str] | None) -> int:
     options = Options(line_end, arguments.local_echo, arguments.edit and interactive, interactive)
     keys = Keyboard(line_end, b"\b" if arguments.backspace == "bs" else b"\x7f")
     line = serial_line.line_of(arguments)
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, ends_by_signal)
+    for ending in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(ending, ends_by_signal)
     with ExitStack() as stack:
         for text in _lines(arguments.send):
             script.add(text)
@@ -80,8 +78,12 @@ def _parser() -> Parser:
     parser.add_argument("--local-echo", action="store_true", help="show what is sent; for controllers without echo")
     parser.add_argument("--prompt", default=PROMPT, metavar="RE", help=_escaped("a last line that is a prompt", PROMPT))
     parser.add_argument("--error", default=ERROR, metavar="RE", help=_escaped("a line that is an error", ERROR))
-    parser.add_argument("--quiet", type=float, default=0.25, metavar="S", help="silence after a prompt (default: 0.25)")
-    parser.add_argument("--patience", type=float, default=60.0, metavar="S", help="wait so long for one (default: 60)")
+    parser.add_argument(
+        "--quiet", type=number(0.0, 1e6), default=0.25, metavar="S", help="silence after a prompt (default: 0.25)"
+    )
+    parser.add_argument(
+        "--patience", type=number(0.01, 1e6), default=60.0, metavar="S", help="wait so long for one (default: 60)"
+    )
     parser.add_argument("--keep-going", action="store_true", help="send on after an error line")
     return parser
 
