@@ -175,7 +175,10 @@ def run(
         give_up(sys.stdout)
         return unread
     except OSError as error:
-        if error.filename is not None or error.errno not in _FULL:
+        if error.filename is not None:  # somebody's file: no permission, a name too long, gone in the meantime
+            name = os.fsdecode(error.filename) if isinstance(error.filename, bytes) else error.filename
+            return _failed(program, f"{name}: expected to get at it, got: {error.strerror}")
+        if error.errno not in _FULL:
             raise
         give_up(sys.stdout)
         return _failed(program, f"output cannot be written: {error.strerror}")

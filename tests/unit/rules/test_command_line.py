@@ -38,6 +38,9 @@ def ended(error: BaseException, **settings: int) -> int:
         (ModuleNotFoundError("no", name="serial"), 2, "pip install '.[robot_link]'"),
         (ModuleNotFoundError("no", name="nobodys"), 2, "treenail x: expected the module nobodys, which is not"),
         (BrokenPipeError(), 0, ""),
+        (PermissionError(13, "Permission denied", "a/b"), 2, "treenail x: a/b: expected to get at it, got: Permission"),
+        (OSError(36, "File name too long", b"a\xff"), 2, "got: File name too long\n"),
+        (FileNotFoundError(2, "No such file or directory", Path("a")), 2, "treenail x: a: expected to get at it"),
     ],
 )
 def test_an_end_is_one_line(capsys: pytest.CaptureFixture[str], error: BaseException, status: int, said: str) -> None:
@@ -56,8 +59,8 @@ def test_a_status_is_passed_on_and_what_nobody_reads_has_its_own() -> None:
 def test_a_mistake_of_ours_keeps_its_traceback() -> None:
     with pytest.raises(ZeroDivisionError):
         ended(ZeroDivisionError())
-    with pytest.raises(FileNotFoundError):
-        ended(FileNotFoundError(2, "gone", "a"))
+    with pytest.raises(OSError, match="Bad file descriptor"):
+        ended(OSError(9, "Bad file descriptor"))
 
 
 @pytest.mark.parametrize("size", [5, 100_000])
