@@ -45,6 +45,11 @@ rho = 0.995
 """Some 20 decisions an episode, as many contact states after 10 of them, and every other outcome; 0.1 s an episode."""
 
 
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # A shell starts what it puts into the background so, and what we start would not hear Ctrl-C either.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 class WaitUntil(Protocol):
     """Waits for a condition."""
 
