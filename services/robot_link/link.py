@@ -26,7 +26,7 @@ RETRY_S = (0.05, 2.0)
 """Shortest and longest pause before a line is opened again; each is twice the one before."""
 SILENT_S = 10.0
 """How long a controller that is spoken to may say nothing before its line is opened again."""
-_Anything = Generator[Command | Pause, tuple[str, ...], Increment | None]
+_AnyScript = Generator[Command | Pause, tuple[str, ...], Increment | None]
 
 
 class Port(Protocol):
@@ -63,7 +63,7 @@ class Link:
         self._opening: Opening[None] | None = None
         self._heard_s = 0.0
         self._retry_at_s, self._retry_s = 0.0, RETRY_S[0]
-        self._script: _Anything | None = None
+        self._script: _AnyScript | None = None
         self._then: Callable[[Increment | LinkError], None] | None = None
         self._command: Command | None = None
         self._resume_s: float | None = None
@@ -105,7 +105,7 @@ class Link:
                 if now < self._retry_at_s:
                     time.sleep(min(timeout_s, self._retry_at_s - now))
                     return
-                if not self._opened():
+                if not self._open_port():
                     time.sleep(timeout_s)
                     return
                 self._connect(now)
@@ -130,7 +130,7 @@ class Link:
 
     # -- details -----------------------------------------------------------------------------------------------------
 
-    def _opened(self) -> bool:
+    def _open_port(self) -> bool:
         """Return whether the port is open now, asking for it first. Raises LineError."""
         if self._opening is None:
             self._opening = Opening(self._port.open, lambda _: self._port.close())
@@ -177,7 +177,7 @@ class Link:
 
     def _take_in(self, events: list[Event], now: float) -> None:
         # A trouble first: an answer that more came behind in one piece is not to be trusted, and nothing can follow it.
-        for event in sorted(events, key=lambda one: not isinstance(one, Trouble)):
+        for event in sorted(events, key=lambda event: not isinstance(event, Trouble)):
             if isinstance(event, Trouble):
                 self._flush(now)
                 self._fault(LinkError(f"robot: {event.reason}; told to abort"))
@@ -185,18 +185,18 @@ class Link:
             if isinstance(event, Greeted):
                 self._begin(self._get_ready(), self._got_ready)
             else:
-                self._answered(event)
+                self._on_answer(event)
 
     def _flush(self, now: float) -> None:
         text = self._terminal.take()
         if text:
             self._port.write(self._channel.send(text, now))
 
-    def _begin(self, script: _Anything, then: Callable[[Increment | LinkError], None]) -> None:
+    def _begin(self, script: _AnyScript, then: Callable[[Increment | LinkError], None]) -> None:
         self._script, self._then = script, then
         self._go_on(None)
 
-    def _answered(self, answer: Answer) -> None:
+    def _on_answer(self, answer: Answer) -> None:
         command, self._command = self._command, None
         if self._script is None or command is None:
             return

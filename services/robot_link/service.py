@@ -150,14 +150,14 @@ class RobotShell:
             return False
         if motion != self._motion:
             raise BusyError(f"robot: expected to be asked for one motion at a time, {_name(self._motion)} is under way")
-        self._asked = [*[one for one in self._asked if one.open][-_EVENTS:], asked]
+        self._asked = [*[request for request in self._asked if request.open][-_EVENTS:], asked]
         return True
 
     def _begin(self, asked: Asked, motion: Home | Move, script: Script) -> None:
-        self._link.run(script, self._ended)
+        self._link.run(script, self._on_end)
         self._motion, self._asked = motion, [asked]
 
-    def _ended(self, result: Increment | LinkError) -> None:
+    def _on_end(self, result: Increment | LinkError) -> None:
         motion, self._motion = self._motion, None
         waiting, self._asked = self._asked, []
         if isinstance(result, LinkError):

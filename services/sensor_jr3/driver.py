@@ -116,8 +116,8 @@ class Driver:
         """Raise NoCardError when nobody answers at the address, NoSensorError when the sensor does not work."""
         block = self._block()
         _check_card(block)
-        if found := troubles(_word(block, "errors")):
-            raise NoSensorError(f"sensor: expected one that works, got errors {_errors(block)}: {found}")
+        if faults := troubles(_word(block, "errors")):
+            raise NoSensorError(f"sensor: expected one that works, got errors {_errors(block)}: {faults}")
         if not (_word(block, "model") and _word(block, "serial")):
             got = f"model {_word(block, 'model')}, serial {_word(block, 'serial')}"
             raise NoSensorError(f"sensor: expected one whose calibration is in, got {got}")
@@ -128,9 +128,9 @@ class Driver:
         block = self._block()
         if _word(block, "errors") & jr3.SENSOR_CHANGED:
             raise ChangedError("sensor: expected the one that was set up, got another one (the card's change bit)")
-        found = _identity_in(block)
-        if self._identity is not None and found != self._identity:
-            raise ChangedError(f"card: expected it as it was set up, {self._identity}, got {found}")
+        identity = _identity_in(block)
+        if self._identity is not None and identity != self._identity:
+            raise ChangedError(f"card: expected it as it was set up, {self._identity}, got {identity}")
 
     def default_full_scales(self) -> tuple[int, ...]:
         """Return what the sensor calls its default, in the card's unit."""
@@ -159,7 +159,7 @@ class Driver:
 
     def set_offsets(self, offsets: Sequence[int]) -> Iterator[float]:
         """Set six offsets in counts, -32768 to 32767: they are subtracted. Raises SettingError, CommandError."""
-        if len(offsets) != 6 or not all(-32768 <= one <= 32767 for one in offsets):
+        if len(offsets) != 6 or not all(-32768 <= offset <= 32767 for offset in offsets):
             raise SettingError(f"offsets: expected six from -32768 to 32767, got {list(offsets)}")
         yield from self.command(jr3.SET_OFFSETS, {jr3.address_of("offsets"): list(offsets)})
 

@@ -34,15 +34,15 @@ class IsaCard:
         self._lib.jr3_watch.argtypes = (ctypes.c_uint16, ctypes.c_uint16, ctypes.c_uint16, ctypes.c_long)
         self._lib.jr3_collect.argtypes = (ctypes.c_int, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
         if self._lib.jr3_open(ctypes.c_uint16(base)):
-            found = os.strerror(ctypes.get_errno())
+            reason = os.strerror(ctypes.get_errno())
             expected = "expected root or CAP_SYS_RAWIO, and a kernel with ioperm that is not locked down"
-            raise SettingError(f"isa:{base:#x}: {expected}, got {found}")
+            raise SettingError(f"isa:{base:#x}: {expected}, got {reason}")
 
     def read(self, address: int, count: int) -> list[int]:
         """Return words."""
-        found = (ctypes.c_uint16 * count)()
-        self._lib.jr3_read(ctypes.c_uint16(self._base), ctypes.c_uint16(address), ctypes.c_uint16(count), found)
-        return list(found)
+        buffer = (ctypes.c_uint16 * count)()
+        self._lib.jr3_read(ctypes.c_uint16(self._base), ctypes.c_uint16(address), ctypes.c_uint16(count), buffer)
+        return list(buffer)
 
     def write(self, address: int, value: int) -> None:
         """Write one word."""
@@ -54,11 +54,11 @@ class IsaCard:
             if self._lib.jr3_watch(self._base, counter, data, _rest_ns(counter)):
                 raise LinkError("isa: expected to be able to start a thread for the samples")
             self._watched = (counter, data)
-        found = (ctypes.c_uint16 * (SAMPLE_WORDS * words.MOST_SAMPLES))()
+        buffer = (ctypes.c_uint16 * (SAMPLE_WORDS * words.MOST_SAMPLES))()
         newest_ns = ctypes.c_int64()
         began_ns = self._lib.jr3_now_ns()
-        count = self._lib.jr3_collect(words.MOST_SAMPLES, round(wait_s * 1e9), found, ctypes.byref(newest_ns))
-        samples = words.samples_in(found[: count * SAMPLE_WORDS])
+        count = self._lib.jr3_collect(words.MOST_SAMPLES, round(wait_s * 1e9), buffer, ctypes.byref(newest_ns))
+        samples = words.samples_in(buffer[: count * SAMPLE_WORDS])
         return Collected(samples, (newest_ns.value - began_ns) * 1e-9 if count else 0.0)
 
     def close(self) -> None:

@@ -66,7 +66,7 @@ class SensorShell:
                 if card is not None:
                     self._use(card)
             except CardError as error:
-                self._failed(error)
+                self._on_failure(error)
             finally:
                 if card is not None:
                     card.close()
@@ -151,7 +151,7 @@ class SensorShell:
     def _show_phase(self) -> None:
         self._service.phase = f"running, {self._lost} samples lost" if self._lost else "running"
 
-    def _failed(self, error: CardError) -> None:
+    def _on_failure(self, error: CardError) -> None:
         """Say what is wrong, to the robot first, and wait before the next attempt."""
         self._say(CHANGED if isinstance(error, ChangedError) else LOST)
         service = self._service

@@ -34,10 +34,10 @@ class TcpCard:
 
     def read(self, address: int, count: int) -> list[int]:
         """Return words, in one round trip."""
-        found = self._ask(Question(words.READ, address, count))
-        if len(found) != count:
-            raise LinkError(f"{self._where}: expected {count} words, got {len(found)}")
-        return found
+        answer = self._ask(Question(words.READ, address, count))
+        if len(answer) != count:
+            raise LinkError(f"{self._where}: expected {count} words, got {len(answer)}")
+        return answer
 
     def write(self, address: int, value: int) -> None:
         """Write one word."""
@@ -57,15 +57,15 @@ class TcpCard:
             self._socket.settimeout(within_s)
             self._socket.sendall(question.pack())
             refused, count = words.answer_head(self._receive(words.ANSWER_BYTES))
-            found = words.unpack(self._receive(2 * count))
+            answer = words.unpack(self._receive(2 * count))
         except OSError as error:
             # What comes later would be taken for the answer to another question.
             self._socket.close()
             what = f"an answer within {within_s:g} s" if isinstance(error, TimeoutError) else "a connection"
             raise LinkError(f"{self._where}: expected {what}, got {error}") from None
         if refused:
-            raise LinkError(f"{self._where}: {words.text_of(found)}")
-        return found
+            raise LinkError(f"{self._where}: {words.text_of(answer)}")
+        return answer
 
     def _receive(self, size: int) -> bytes:
         parts: list[bytes] = []

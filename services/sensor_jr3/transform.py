@@ -46,10 +46,10 @@ def words(links: tuple[Link, ...], length_mm: Fraction) -> list[int]:
     """
     if len(links) > MOST_LINKS:
         raise SettingError(f"transform: expected at most {MOST_LINKS} links, got {len(links)}")
-    found: list[int] = []
+    link_words: list[int] = []
     for kind, amount in links:
-        found += [kind, _amount(kind, amount, length_mm)]
-    return [*found, END]
+        link_words += [kind, _amount(kind, amount, length_mm)]
+    return [*link_words, END]
 
 
 def _amount(kind: int, amount: float, length_mm: Fraction) -> int:

@@ -58,7 +58,7 @@ def answer(words: list[int], refused: bool = False) -> bytes:
 
 def refusal(text: str) -> bytes:
     """Return the bytes of an answer that says why not."""
-    return answer([min(ord(one), 0xFFFF) for one in text[:MOST_WORDS]], refused=True)
+    return answer([min(ord(character), 0xFFFF) for character in text[:MOST_WORDS]], refused=True)
 
 
 def answer_head(data: bytes) -> tuple[bool, int]:
@@ -82,10 +82,10 @@ def text_of(words: list[int]) -> str:
 def collected_words(collected: Collected) -> list[int]:
     """Return what answers COLLECT."""
     microseconds = max(-(2**31), min(2**31 - 1, round(collected.newest_s * 1e6))) & 0xFFFFFFFF
-    found = [microseconds & 0xFFFF, microseconds >> 16]
+    words = [microseconds & 0xFFFF, microseconds >> 16]
     for sample in collected.samples:
-        found += [sample.counter, *(count & 0xFFFF for count in sample.counts), sample.warnings, sample.errors]
-    return found
+        words += [sample.counter, *(count & 0xFFFF for count in sample.counts), sample.warnings, sample.errors]
+    return words
 
 
 def collected_in(words: list[int]) -> Collected:
@@ -102,5 +102,5 @@ def samples_in(words: list[int]) -> list[Sample]:
     samples = []
     for start in range(0, len(words), SAMPLE_WORDS):
         counter, *counts, warnings, errors = words[start : start + SAMPLE_WORDS]
-        samples.append(Sample(counter, tuple(signed(one) for one in counts), warnings, errors))
+        samples.append(Sample(counter, tuple(signed(count) for count in counts), warnings, errors))
     return samples

@@ -152,27 +152,27 @@ class Decoder:
     def feed(self, data: bytes) -> list[Received]:
         """Take bytes; return what they complete, in order."""
         self._buffer += data
-        found: list[Received] = []
-        while self._one(found):
+        received: list[Received] = []
+        while self._take_piece(received):
             pass
-        return found
+        return received
 
     def give_up(self) -> list[Received]:
         """Forget what has begun, since nothing more came of it; return what that leaves, faults as a rule."""
-        found: list[Received] = []
+        received: list[Received] = []
         while self.busy:
             if self._header is not None:
-                found.append(Fault(Reason.DATA_CRC, self._header[3]))
+                received.append(Fault(Reason.DATA_CRC, self._header[3]))
                 self._buffer.clear()
             elif self._buffer:
-                self._out_of_step(found)
+                self._out_of_step(received)
                 del self._buffer[0]
             self._header, self._skip = None, 0
-            while self._one(found):
+            while self._take_piece(received):
                 pass
-        return found
+        return received
 
-    def _one(self, found: list[Received]) -> bool:
+    def _take_piece(self, received: list[Received]) -> bool:
         """Take one piece off the buffer; return whether there may be another."""
         if self._skip:
             skipped = min(self._skip, len(self._buffer))
@@ -180,47 +180,47 @@ class Decoder:
             self._skip -= skipped
             return not self._skip
         if self._header is not None:
-            return self._payload(self._header, found)
+            return self._payload(self._header, received)
         start = _CLASS.search(self._buffer)
         before = start.start() if start else len(self._buffer)
         if self._buffer[:before].strip(FILL):
-            self._out_of_step(found)
+            self._out_of_step(received)
         del self._buffer[:before]
         if len(self._buffer) < HEADER_LENGTH:
             return False
         header = bytes(self._buffer[:HEADER_LENGTH])
         if crc16(header):
-            self._out_of_step(found)
+            self._out_of_step(received)
             del self._buffer[0]
             return True
         self._in_step = True
         del self._buffer[:HEADER_LENGTH]
         if header[0] == CONTROL:
-            found.append(_control(header))
+            received.append(_control(header))
         else:
-            self._begin_payload(header, found)
+            self._begin_payload(header, received)
         return True
 
-    def _out_of_step(self, found: list[Received]) -> None:
+    def _out_of_step(self, received: list[Received]) -> None:
         """Report that framing is lost: once, since what follows until the next good header says nothing new."""
         if self._in_step:
-            found.append(Fault(Reason.HEADER_CRC))
+            received.append(Fault(Reason.HEADER_CRC))
         self._in_step = False
 
-    def _begin_payload(self, header: bytes, found: list[Received]) -> None:
+    def _begin_payload(self, header: bytes, received: list[Received]) -> None:
         count = _count(header)
         response = header[3] if header[0] == DATA else None
         if header[5] != _ADDRESS or not count:
-            found.append(Fault(Reason.HEADER_FORMAT, response))
+            received.append(Fault(Reason.HEADER_FORMAT, response))
             self._in_step = bool(count)  # without a count there is no telling where the next frame begins
             self._skip = count + CRC_LENGTH if count else 0
         elif count > self._max_message:
-            found.append(Fault(Reason.TOO_LONG, response))
+            received.append(Fault(Reason.TOO_LONG, response))
             self._skip = count + CRC_LENGTH
         else:
             self._header = header
 
-    def _payload(self, header: bytes, found: list[Received]) -> bool:
+    def _payload(self, header: bytes, received: list[Received]) -> bool:
         length = _count(header) + CRC_LENGTH
         if len(self._buffer) < length:
             return False
@@ -229,11 +229,11 @@ class Decoder:
         self._header = None
         is_data = header[0] == DATA
         if crc16(sealed):
-            found.append(Fault(Reason.DATA_CRC, header[3] if is_data else None))
+            received.append(Fault(Reason.DATA_CRC, header[3] if is_data else None))
         elif is_data:
-            found.append(Data(number=header[4], response=header[3], payload=sealed[:-CRC_LENGTH]))
+            received.append(Data(number=header[4], response=header[3], payload=sealed[:-CRC_LENGTH]))
         else:
-            found.append(Maintenance(sealed[:-CRC_LENGTH]))
+            received.append(Maintenance(sealed[:-CRC_LENGTH]))
         return True
 
 

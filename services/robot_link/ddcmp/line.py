@@ -161,8 +161,8 @@ class Ddcmp:
 
     # --- what comes
 
-    def _take(self, found: list[Received], now_s: float) -> None:
-        for frame in found:
+    def _take(self, received: list[Received], now_s: float) -> None:
+        for frame in received:
             if isinstance(frame, Fault):
                 self.counts.faults += 1
             if isinstance(frame, Maintenance):
@@ -313,5 +313,5 @@ class Ddcmp:
 
 
 def _words(reason: int) -> str:
-    known = reason in Reason.__members__.values()
-    return f"{reason} ({Reason(reason).name.lower().replace('_', ' ')})" if known else str(reason)
+    named = reason in Reason.__members__.values()
+    return f"{reason} ({Reason(reason).name.lower().replace('_', ' ')})" if named else str(reason)

@@ -70,7 +70,7 @@ class LogicalUnits:
         if message.startswith(self.write):
             return Kind.WRITE, message[len(self.write) :]
         expected = f"{self.read.hex(' ')} alone (read) or {self.write.hex(' ')} and text (write)"
-        raise DdcmpError(f"supervisor line: expected {expected}, got {_shown(message)}")
+        raise DdcmpError(f"supervisor line: expected {expected}, got {_in_hex(message)}")
 
 
 def prefix_of(text: str) -> bytes:
@@ -81,6 +81,6 @@ def prefix_of(text: str) -> bytes:
         raise DdcmpError(f"logical units: expected hexadecimal bytes such as 02 02 00 00, got {text!r}") from None
 
 
-def _shown(message: bytes) -> str:
+def _in_hex(message: bytes) -> str:
     most = 16
     return message[:most].hex(" ") + (f" ... ({len(message)} bytes)" if len(message) > most else "")

@@ -26,31 +26,31 @@ START = (420.0, 150.0, 80.0, 30.0, 170.0, -20.0)
 
 def main() -> None:
     """Parse the command line, serve, stop on a signal."""
-    made = Parser(prog="python -m services.robot_link.emulator", description=__doc__)
+    parser = Parser(prog="python -m services.robot_link.emulator", description=__doc__)
     usual = Behaviour()
-    made.add_argument(
+    parser.add_argument(
         "--listen", type=address, default="127.0.0.1:0", metavar="HOST:PORT", help="port 0: a free one, printed"
     )
-    made.add_argument("--pty", action="store_true", help="on a pseudo terminal instead, its name is printed")
-    made.add_argument("--mode", choices=("terminal", "supervisory"), default="terminal", help="default: terminal")
-    made.add_argument("--baud", type=whole(), help="bits per second of the line (default: as fast as it goes)")
-    made.add_argument("--prompt", choices=("started", "arrived"), default=usual.prompt, help="after a motion")
-    made.add_argument("--convention", choices=CONVENTIONS, default=usual.convention, help="of O, A, T (default: zyz)")
-    made.add_argument(
+    parser.add_argument("--pty", action="store_true", help="on a pseudo terminal instead, its name is printed")
+    parser.add_argument("--mode", choices=("terminal", "supervisory"), default="terminal", help="default: terminal")
+    parser.add_argument("--baud", type=whole(), help="bits per second of the line (default: as fast as it goes)")
+    parser.add_argument("--prompt", choices=("started", "arrived"), default=usual.prompt, help="after a motion")
+    parser.add_argument("--convention", choices=CONVENTIONS, default=usual.convention, help="of O, A, T (default: zyz)")
+    parser.add_argument(
         "--motion-s", type=number(0.0, 600.0), default=usual.motion_s, help="how long a motion takes (default: 0)"
     )
-    made.add_argument("--cold", action="store_true", help="begin with the questions of a cold start")
-    made.add_argument("--power-off", action="store_true", help="begin with the arm power off")
-    made.add_argument("--start", default="TREENAIL", help="name of the taught location (default: TREENAIL)")
-    made.add_argument(
+    parser.add_argument("--cold", action="store_true", help="begin with the questions of a cold start")
+    parser.add_argument("--power-off", action="store_true", help="begin with the arm power off")
+    parser.add_argument("--start", default="TREENAIL", help="name of the taught location (default: TREENAIL)")
+    parser.add_argument(
         "--start-height-mm", type=number(0.0, 500.0), default=20.0, help="its tip above the mouth (default: 20)"
     )
-    made.add_argument("--world", metavar="CELL", help="the peg is that of the simulator in this cell")
-    made.add_argument(
+    parser.add_argument("--world", metavar="CELL", help="the peg is that of the simulator in this cell")
+    parser.add_argument(
         "--sensor-s", type=number(0.0, 60.0), default=0.0, help="an emulated sensor has so long to show a motion"
     )
-    command.add_arguments(made)
-    arguments = made.parse_args()
+    command.add_arguments(parser)
+    arguments = parser.parse_args()
     host, port = arguments.listen
     stop = StopFlag()
     start = poses.frame(START, "zyz")

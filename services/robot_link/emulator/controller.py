@@ -168,7 +168,7 @@ class Controller:
             lines = self._carry_out(line, now_s) if line else []
         except Mistake as mistake:
             lines = [f"*{mistake}*"]
-        body = "".join(f"{one}\r\n" for one in lines)
+        body = "".join(f"{answer}\r\n" for answer in lines)
         moving = self.motions != begun and self.behaviour.prompt == "arrived"
         return body + ("" if moving else ".")
 
@@ -183,11 +183,11 @@ class Controller:
 
     def _carry_out(self, line: str, now_s: float) -> list[str]:
         word, _, rest = line.partition(" ")
-        found = [command for command in _COMMANDS if command.startswith(word)]
-        if len(found) != 1:
-            raise Mistake("Ambiguous command" if found else "Unknown command")
+        matches = [command for command in _COMMANDS if command.startswith(word)]
+        if len(matches) != 1:
+            raise Mistake("Ambiguous command" if matches else "Unknown command")
         rest = rest.strip()
-        command = found[0]
+        command = matches[0]
         if command == "DO":
             return self._do(rest, now_s)
         if command == "WHERE":
@@ -216,7 +216,7 @@ class Controller:
         if word in ("MOVE", "MOVES"):
             self._move(place, now_s)
         elif word == "ALIGN":
-            self._begin(self._aligned(self._now(now_s)), self.arm.move_to, "", now_s)
+            self._begin(self._align(self._now(now_s)), self.arm.move_to, "", now_s)
         elif word == "SET":
             name, _, value = place.partition("=")
             self.locations[_name(name)] = self._location(value, now_s)
@@ -301,16 +301,16 @@ class Controller:
         decimals = self.behaviour.decimals
         return "".join(f" {value:8.{decimals}f}" for value in poses.numbers_of(place, self.behaviour.convention))
 
-    def _aligned(self, place: Frame) -> Frame:
+    def _align(self, place: Frame) -> Frame:
         """Return the place with its tool's axis along the nearest axis of the base."""
-        made = place.copy()
+        aligned = place.copy()
         axis = int(np.argmax(np.abs(place[:3, 2])))
         approach = np.zeros(3)
         approach[axis] = np.sign(place[axis, 2])
         side = place[:3, 1] - approach * float(place[:3, 1] @ approach)
         side /= np.linalg.norm(side)
-        made[:3, 0], made[:3, 1], made[:3, 2] = np.cross(side, approach), side, approach
-        return made
+        aligned[:3, 0], aligned[:3, 1], aligned[:3, 2] = np.cross(side, approach), side, approach
+        return aligned
 
 
 def _name(text: str) -> str:

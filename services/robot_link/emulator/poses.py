@@ -23,11 +23,11 @@ _HAND = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, -1.0], [-1.0, 0.0, 0.0]])
 def frame(numbers: tuple[float, ...], convention: str) -> Frame:
     """Return the frame of X, Y, Z, O, A, T."""
     x, y, z, o, a, t = numbers
-    made = np.eye(4)
+    pose = np.eye(4)
     middle = _HAND if convention == "val_offset" else np.eye(3)
-    made[:3, :3] = _turn(2, o) @ middle @ _turn(1, a) @ _turn(2, t)
-    made[:3, 3] = x, y, z
-    return made
+    pose[:3, :3] = _turn(2, o) @ middle @ _turn(1, a) @ _turn(2, t)
+    pose[:3, 3] = x, y, z
+    return pose
 
 
 def numbers_of(place: Frame, convention: str) -> tuple[float, ...]:
@@ -61,15 +61,15 @@ def increment_of(step: Frame) -> tuple[float, ...]:
 
 def between(start: Frame, end: Frame, fraction: float) -> Frame:
     """Return a place on the way: the position on a line, the orientation of the start."""
-    made = start.copy()
-    made[:3, 3] += fraction * (end[:3, 3] - start[:3, 3])
-    return made
+    pose = start.copy()
+    pose[:3, 3] += fraction * (end[:3, 3] - start[:3, 3])
+    return pose
 
 
 def _turn(axis: int, deg: float) -> Frame:
     angle = np.radians(deg)
     c, s = np.cos(angle), np.sin(angle)
     i, j = (axis + 1) % 3, (axis + 2) % 3
-    made = np.eye(3)
-    made[i, i], made[i, j], made[j, i], made[j, j] = c, -s, s, c
-    return made
+    rotation = np.eye(3)
+    rotation[i, i], rotation[i, j], rotation[j, i], rotation[j, j] = c, -s, s, c
+    return rotation

@@ -131,8 +131,8 @@ class Server:
     def close(self) -> None:
         """Give all ports back."""
         self._hang_up()
-        for one in (self._listener, self._panel, *self._panels):
-            one.close()
+        for opened in (self._listener, self._panel, *self._panels):
+            opened.close()
 
     def _accept(self) -> None:
         if not self.pty:
@@ -187,11 +187,11 @@ class Server:
             return
         *lines, self._panels[panel] = (self._panels[panel] + data).split(b"\n")
         for line in lines:
-            answer = self._set(line.decode("ascii", "replace").split())
+            answer = self._change_setting(line.decode("ascii", "replace").split())
             with contextlib.suppress(OSError):
                 panel.sendall(answer.encode() + b"\n")
 
-    def _set(self, words: list[str]) -> str:
+    def _change_setting(self, words: list[str]) -> str:
         name, number = (words[0], words[1]) if len(words) == 2 else (words[0] if words else "", "")
         faults = self.controller.faults
         if name == "hangup":
@@ -207,9 +207,9 @@ class Server:
         elif name == "slow" and number.isdigit():
             self._slow_s = int(number) / 1000.0
         else:
-            known = ", ".join((*_NUMBERS, *_SWITCHES))
+            names = ", ".join((*_NUMBERS, *_SWITCHES))
             return (
-                f"expected hangup, motions, say WORD, slow MS or one of {known} with a number, got {' '.join(words)!r}"
+                f"expected hangup, motions, say WORD, slow MS or one of {names} with a number, got {' '.join(words)!r}"
             )
         return "ok"
 

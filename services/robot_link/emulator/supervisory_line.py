@@ -121,16 +121,16 @@ class ControllerLine:
         if self._phase != "running":
             return self._come_together(frame, now_s)
         if frame[0] == 0x81:
-            return self._acknowledged(response, now_s) + self._message(number, frame[8:], now_s)
+            return self._on_acknowledgement(response, now_s) + self._message(number, frame[8:], now_s)
         if kind == STACK:
             return self._control(ACK, response=self._got)
         if kind == REP:
-            known = number == self._got
-            return self._control(ACK if known else NAK, 0 if known else NOT_COME, response=self._got)
+            is_newest = number == self._got
+            return self._control(ACK if is_newest else NAK, 0 if is_newest else NOT_COME, response=self._got)
         if kind == ACK:
-            return self._acknowledged(response, now_s)
+            return self._on_acknowledgement(response, now_s)
         if kind == NAK:
-            out = self._acknowledged(response, now_s)
+            out = self._on_acknowledgement(response, now_s)
             self._patience += self._under_way
             if self._patience > MOST_IN_A_ROW:
                 return self._again(f"the host refuses (NAK, reason {subtype & 0x3F})", now_s)
@@ -162,7 +162,7 @@ class ControllerLine:
         self.messages.append(body[:-2])
         return self._control(ACK, response=self._got)
 
-    def _acknowledged(self, response: int, now_s: float) -> bytes:
+    def _on_acknowledgement(self, response: int, now_s: float) -> bytes:
         if not self._under_way or response != self._sent:
             return b""
         self._under_way, self._due_s, self._patience = False, None, 0

@@ -79,7 +79,7 @@ class World:
 
     def _wait_shown(self, moved: Moved) -> None:
         def sequence() -> int | None:
-            return next((one.sequence for one in reversed(self._felt) if one.t_ns == moved.arrived_t_ns), None)
+            return next((packet.sequence for packet in reversed(self._felt) if packet.t_ns == moved.arrived_t_ns), None)
 
         with self._came:
             self._came.wait_for(lambda: sequence() is not None, self._sensor_s)
@@ -204,8 +204,8 @@ class WorldArm:
         self._motions = [motion] if isinstance(motion, Home) else [*self._motions, motion]
         answer = self._world.make(motion)
         if isinstance(answer, Refusal) and answer.reason == "out_of_order" and isinstance(motion, Move):
-            for one in self._motions[:-1]:
-                self._world.make(one)
+            for earlier in self._motions[:-1]:
+                self._world.make(earlier)
             answer = self._world.make(motion)
         if isinstance(answer, Refusal):
             self._motions = []

@@ -117,7 +117,7 @@ class Arm:
 
     def _to_start(self, convention: Convention) -> Steps:
         name, dialect = self._settings.start_location, self._dialect
-        listed = yield from self._listed(dialect.list_location.format(location=name))
+        listed = yield from self._read_location(dialect.list_location.format(location=name))
         self._pose = None
         yield from self._quiet(dialect.move_to.format(location=name), self._settings.move_s)
         self._pose = yield from self._arrive(oat.pose_of(listed, convention))
@@ -141,23 +141,23 @@ class Arm:
     def _settle(self, here: Location) -> Generator[Command | Pause, tuple[str, ...], Convention]:
         dialect = self._dialect
         yield from self._quiet(dialect.probe.format(location=PROBE))
-        probe = yield from self._listed(dialect.list_location.format(location=PROBE))
-        found, told = oat.settled_by(here, probe), self._settings.convention
-        if found is None:
-            got = f"{_shown(probe)} at {_shown(here)}"
+        probe = yield from self._read_location(dialect.list_location.format(location=PROBE))
+        convention, told = oat.settled_by(here, probe), self._settings.convention
+        if convention is None:
+            got = f"{_in_words(probe)} at {_in_words(here)}"
             raise UnsettledError(f"probe: expected HERE:TRANS(0,0,0,0,0,0) to fit one convention of O, A, T, got {got}")
-        if told not in (None, found):
-            raise UnsettledError(f"probe: expected the convention {told} that was set, got {found}")
-        return found
+        if told not in (None, convention):
+            raise UnsettledError(f"probe: expected the convention {told} that was set, got {convention}")
+        return convention
 
     def _tell(self, episode: int, step: int) -> Steps:
         for variable, value in (("EPISODE", episode), ("STEP", step)):
             yield from self._quiet(self._dialect.assign.format(variable=variable, value=value))
 
     def _where(self) -> _Where:
-        return self._listed(self._dialect.where)
+        return self._read_location(self._dialect.where)
 
-    def _listed(self, command: str) -> _Where:
+    def _read_location(self, command: str) -> _Where:
         lines = yield Command(command)
         for line in lines:
             match = _SIX.match(line)
@@ -184,5 +184,5 @@ def _still(before: Pose, now: Pose) -> bool:
     return away_mm <= _STILL_MM and turned_deg <= _STILL_DEG
 
 
-def _shown(location: Location) -> str:
+def _in_words(location: Location) -> str:
     return "(" + ", ".join(f"{value:g}" for value in location) + ")"

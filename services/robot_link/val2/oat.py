@@ -120,13 +120,13 @@ def after(pose: Pose, increment: Increment) -> Pose:
     return Pose((x, y, z), product(pose.turn, turn_of(increment)))
 
 
-def apart(one: Pose, other: Pose) -> tuple[float, float]:
+def apart(pose: Pose, other: Pose) -> tuple[float, float]:
     """Return how far two poses are apart: distance [mm] and turn [deg]."""
-    rest = product(transposed(one.turn), other.turn)
+    rest = product(transpose(pose.turn), other.turn)
     # By sine and cosine: the arc cosine alone cannot tell small turns.
     sine = math.hypot(rest[2][1] - rest[1][2], rest[0][2] - rest[2][0], rest[1][0] - rest[0][1])
     cosine = rest[0][0] + rest[1][1] + rest[2][2] - 1.0
-    return math.dist(one.position, other.position), math.degrees(math.atan2(sine, cosine))
+    return math.dist(pose.position, other.position), math.degrees(math.atan2(sine, cosine))
 
 
 def settled_by(here: Location, probe: Location, tolerance_deg: float = 0.1) -> Convention | None:
@@ -156,7 +156,7 @@ def product(left: Matrix, right: Matrix) -> Matrix:
     return first, second, third
 
 
-def transposed(turn: Matrix) -> Matrix:
+def transpose(turn: Matrix) -> Matrix:
     """Return the inverse rotation."""
     (a, b, c), (d, e, f), (g, h, i) = turn
     return (a, d, g), (b, e, h), (c, f, i)

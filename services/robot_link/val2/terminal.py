@@ -123,18 +123,18 @@ class Terminal:
                 events.append(event)
         if text:
             self._quiet_from_s = now_s
-            events += self._prompted(now_s, silent=False)
+            events += self._look_for_prompt(now_s, silent=False)
         return events
 
     def tick(self, now_s: float) -> list[Event]:
         """Let time pass."""
-        events = self._prompted(now_s, now_s - self._quiet_from_s >= self._timing.quiet_s)
+        events = self._look_for_prompt(now_s, now_s - self._quiet_from_s >= self._timing.quiet_s)
         if not events and self._give_up_s is not None and now_s >= self._give_up_s:
             if self.state is State.GREETING:
                 self._knock(now_s)
             else:
                 what = "echo" if self.state is State.ECHO else "prompt"
-                events.append(self.fail(f"expected the {what} of {self._command!r} in time, got {self._shown()}"))
+                events.append(self.fail(f"expected the {what} of {self._command!r} in time, got {self._last_text()}"))
         return events
 
     def take(self) -> bytes:
@@ -165,7 +165,7 @@ class Terminal:
             return None if greeting else self.fail(f"expected text after {self._command!r}, got byte {value:02X}")
         if len(self._line) >= _LARGEST_LINE:
             if not greeting:
-                return self.fail(f"expected lines of at most {_LARGEST_LINE} characters, got {self._shown()}")
+                return self.fail(f"expected lines of at most {_LARGEST_LINE} characters, got {self._last_text()}")
             self._line.clear()
             self._fresh = False
             return None
@@ -198,13 +198,13 @@ class Terminal:
             return self.fail(f"expected at most {_MOST_LINES} lines after {self._command!r}, got more")
         return None
 
-    def _prompted(self, now_s: float, silent: bool) -> list[Event]:
+    def _look_for_prompt(self, now_s: float, silent: bool) -> list[Event]:
         """Look whether what stands at the start of the line now is a prompt, or a question of the start-up."""
         text = self._line.decode("ascii", "replace").strip()
         if not self._fresh or not text or self.state not in (State.GREETING, State.REPLY):
             return []
         greeting = self.state is State.GREETING
-        if greeting and self._answered_question(text, now_s):
+        if greeting and self._answer_question(text, now_s):
             return []
         sure = silent or (not greeting and text == self._dialect.idle_prompt)
         if text not in self._prompts or not sure:
@@ -221,7 +221,7 @@ class Terminal:
         error = next((line for line in lines if line.lstrip().startswith(self._dialect.error_begins)), None)
         return Answer(self._command, lines, error)
 
-    def _answered_question(self, text: str, now_s: float) -> bool:
+    def _answer_question(self, text: str, now_s: float) -> bool:
         for begins, answer in self._dialect.questions:
             if text.lower().startswith(begins.lower()) and text.endswith("?"):
                 self._line.clear()
@@ -256,6 +256,6 @@ class Terminal:
     def _send(self, text: str) -> None:
         self.outgoing += text.encode("ascii")
 
-    def _shown(self) -> str:
+    def _last_text(self) -> str:
         said = [*self._lines, self._line.decode("ascii", "replace")]
         return repr(" / ".join(said)[-80:])

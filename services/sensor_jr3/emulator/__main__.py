@@ -56,24 +56,24 @@ def main() -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    made = Parser(prog="python -m services.sensor_jr3.emulator", description=__doc__)
-    made.add_argument(
+    parser = Parser(prog="python -m services.sensor_jr3.emulator", description=__doc__)
+    parser.add_argument(
         "--listen", type=address, default="127.0.0.1:0", metavar="HOST:PORT", help="port 0: a free one, printed"
     )
-    felt = made.add_mutually_exclusive_group()
+    felt = parser.add_mutually_exclusive_group()
     felt.add_argument("--load", metavar="FX,FY,FZ,MX,MY,MZ", help="a constant load [N, N m] (default: none)")
     felt.add_argument("--recording", type=Path, metavar="CSV", help="loads over time: t_s,fx_n,...,mz_nm")
     felt.add_argument("--follow", metavar="CELL", help="feel what the simulator of that cell publishes on ft")
-    made.add_argument("--units", type=whole(0, 3), default=Sensor.units, help="unit code of the card, 0 to 3")
-    made.add_argument("--full-scales", help="six numbers in that unit (default: 65,65,130,50,50,50)")
-    made.add_argument("--serial", type=whole(1, 65000), default=Sensor.serial, help="1 to 65000")
-    made.add_argument("--adc-bits", type=whole(8, 16), default=Sensor.adc_bits, help="8 to 16")
-    made.add_argument(
+    parser.add_argument("--units", type=whole(0, 3), default=Sensor.units, help="unit code of the card, 0 to 3")
+    parser.add_argument("--full-scales", help="six numbers in that unit (default: 65,65,130,50,50,50)")
+    parser.add_argument("--serial", type=whole(1, 65000), default=Sensor.serial, help="1 to 65000")
+    parser.add_argument("--adc-bits", type=whole(8, 16), default=Sensor.adc_bits, help="8 to 16")
+    parser.add_argument(
         "--calibration-s", type=number(0.0, 60.0, "s"), default=2.0, help="after plugging in (default: 2)"
     )
-    made.add_argument("--no-auto-zero", action="store_true", help="do not zero the load after plugging in")
-    command.add_arguments(made)
-    return made
+    parser.add_argument("--no-auto-zero", action="store_true", help="do not zero the load after plugging in")
+    command.add_arguments(parser)
+    return parser
 
 
 def _sensor(arguments: argparse.Namespace) -> Sensor:

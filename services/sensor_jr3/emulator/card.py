@@ -67,10 +67,10 @@ class EmulatedCard:
                 self._watch(counter, data)
                 self._catch_up()
                 count = min(MOST_COLLECTED, len(self._samples))
-                found = [self._samples.popleft() for _ in range(count)]
-            if found:
-                newest_s = self._began_s + found[-1][1] / jr3.SAMPLE_RATE_HZ
-                return Collected([sample for sample, _ in found], newest_s - began_s)
+                samples = [self._samples.popleft() for _ in range(count)]
+            if samples:
+                newest_s = self._began_s + samples[-1][1] / jr3.SAMPLE_RATE_HZ
+                return Collected([sample for sample, _ in samples], newest_s - began_s)
             left_s = began_s + wait_s - self._clock()
             if left_s <= 0.0:
                 return Collected([], 0.0)
@@ -106,6 +106,6 @@ class EmulatedCard:
         if self._dsp.faults["drop"]:
             self._dsp.faults["drop"] -= 1
             return
-        counts = tuple(one - 65536 if one >= 32768 else one for one in self._dsp.read(data, 6))
+        counts = tuple(word - 65536 if word >= 32768 else word for word in self._dsp.read(data, 6))
         warnings, errors = self._dsp.read(jr3.address_of("warnings"), 2)
         self._samples.append((Sample(now, counts, warnings, errors), self._steps))

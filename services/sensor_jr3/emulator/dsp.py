@@ -75,7 +75,7 @@ class Dsp:
         if address >= FIRST_FAULT:
             self._set_fault(address, value)
         elif address in _WRITABLE and not self.faults["no_card"]:
-            self._written(address, value & 0xFFFF)
+            self._on_write(address, value & 0xFFFF)
 
     def set_load(self, load: Load) -> None:
         """Have the sensor feel a load; filter 0 shows it at once."""
@@ -146,13 +146,13 @@ class Dsp:
         """Work out raw channels, filter 0 and flags anew; the other filters have something to follow."""
         raw = nearest_counts(self._load, self._sensor.full_scales, self._sensor.units)
         for axis, count in enumerate(raw):
-            self.words[4 * (axis + 1) + 1] = _limited(count) & 0xFFFF
+            self.words[4 * (axis + 1) + 1] = _limit(count) & 0xFFFF
         self._raw = raw
         if self._command_busy():
             return
         seen = transformed(self._load, self._links, self._sensor.units)
         counts = nearest_counts(seen, self._scales, self._sensor.units)
-        shown = [_limited(count - offset) for count, offset in zip(counts, self._offsets, strict=True)]
+        shown = [_limit(count - offset) for count, offset in zip(counts, self._offsets, strict=True)]
         self._filter0 = shown
         self._unrounded[0] = [float(count) for count in shown]
         self._show_filter(0)
@@ -176,7 +176,7 @@ class Dsp:
         scales = self.words[_AT["full_scales"] : _AT["full_scales"] + 8]
         for vector, (first, last) in enumerate(((0, 3), (3, 6))):
             squares = sum((counts[axis] * self._scales[axis]) ** 2 for axis in range(first, last))
-            self.words[start + 6 + vector] = _limited(round(math.sqrt(squares) / max(1, scales[6 + vector]))) & 0xFFFF
+            self.words[start + 6 + vector] = _limit(round(math.sqrt(squares) / max(1, scales[6 + vector]))) & 0xFFFF
 
     def _flags(self) -> None:
         """Set error and warning bits; the one of a changed sensor stays until it is written over."""
@@ -201,10 +201,10 @@ class Dsp:
             self._serial = self._serial % 0xFFF0 + 1
             self._changed = True
         if (name == "change" and value) or (name == "pull" and was and not value):
-            self._plugged_in()
+            self._plug_in()
         self._flags()
 
-    def _plugged_in(self) -> None:
+    def _plug_in(self) -> None:
         self._put("serial", [0])
         self._put("model", [0])
         self._calibration_left = max(1, self._sensor.calibration_steps)
@@ -221,7 +221,7 @@ class Dsp:
             self._zero()
         self._show()
 
-    def _written(self, address: int, value: int) -> None:
+    def _on_write(self, address: int, value: int) -> None:
         if address == _AT["errors"]:
             self._changed = self._changed and bool(value & jr3.SENSOR_CHANGED)
             self._flags()
@@ -315,7 +315,7 @@ class Dsp:
         self._put("offsets", self._offsets)
 
 
-def _limited(count: int) -> int:
+def _limit(count: int) -> int:
     return max(-32768, min(32767, count))
 
 
@@ -324,4 +324,4 @@ def _signed(word: int) -> int:
 
 
 def _bits(magnitudes: list[int], threshold: int) -> int:
-    return sum(1 << axis for axis, one in enumerate(magnitudes) if one >= threshold)
+    return sum(1 << axis for axis, magnitude in enumerate(magnitudes) if magnitude >= threshold)

@@ -73,7 +73,7 @@ class Follower:
             self._feel((*packet.force_n[-1], *packet.torque_nm[-1]))
             self._shown = packet
             ready = [asked for sequence, asked in self._waiting if sequence == packet.sequence]
-            self._waiting = [one for one in self._waiting if one[0] != packet.sequence]
+            self._waiting = [waiting for waiting in self._waiting if waiting[0] != packet.sequence]
         for asked in ready:
             asked.reply(packet)
 

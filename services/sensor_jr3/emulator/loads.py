@@ -39,17 +39,17 @@ def nearest_counts(load: Load, full_scales: Sequence[int], units: int) -> list[i
     """Return the counts of a load, unlimited: 16384 is the full scale."""
     force_n, moment_nm = _WORTH[units]
     worth = [scale * (force_n if axis < 3 else moment_nm) for axis, scale in enumerate(full_scales[:6])]
-    return [round(Fraction(value) * 16384 / one) for value, one in zip(load, worth, strict=True)]
+    return [round(Fraction(value) * 16384 / unit) for value, unit in zip(load, worth, strict=True)]
 
 
 def load_of(counts: Sequence[int], full_scales: Sequence[int], units: int) -> Load:
     """Return the load that counts stand for."""
     force_n, moment_nm = _WORTH[units]
-    found = [
+    components = [
         float(Fraction(count * scale, 16384) * (force_n if axis < 3 else moment_nm))
         for axis, (count, scale) in enumerate(zip(counts, full_scales, strict=True))
     ]
-    return (found[0], found[1], found[2], found[3], found[4], found[5])
+    return (components[0], components[1], components[2], components[3], components[4], components[5])
 
 
 def inverse(links: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -67,15 +67,15 @@ def transformed(load: Load, links: Sequence[tuple[int, int]], units: int) -> Loa
     for kind, amount in links:
         axis = (kind - 1) % 3
         if kind <= 3:
-            load = _moved(load, axis, float(amount * _LENGTH_M[units]))
+            load = _move(load, axis, float(amount * _LENGTH_M[units]))
         elif kind <= 6:
-            load = _turned(load, axis, amount / 32768 * math.pi)
+            load = _turn(load, axis, amount / 32768 * math.pi)
         else:
-            load = tuple(-one for one in load)  # type: ignore[assignment]
+            load = tuple(-component for component in load)  # type: ignore[assignment]
     return load
 
 
-def _moved(load: Load, axis: int, distance_m: float) -> Load:
+def _move(load: Load, axis: int, distance_m: float) -> Load:
     """Return a load about a point further along an axis."""
     moments = list(load[3:])
     first, second = (axis + 1) % 3, (axis + 2) % 3
@@ -84,15 +84,15 @@ def _moved(load: Load, axis: int, distance_m: float) -> Load:
     return (*load[:3], *moments)  # type: ignore[return-value]
 
 
-def _turned(load: Load, axis: int, angle: float) -> Load:
+def _turn(load: Load, axis: int, angle: float) -> Load:
     """Return a load in axes that are turned about one of them."""
-    found = list(load)
+    components = list(load)
     first, second = (axis + 1) % 3, (axis + 2) % 3
     for start in (0, 3):
         a, b = load[start + first], load[start + second]
-        found[start + first] = math.cos(angle) * a + math.sin(angle) * b
-        found[start + second] = math.cos(angle) * b - math.sin(angle) * a
-    return tuple(found)  # type: ignore[return-value]
+        components[start + first] = math.cos(angle) * a + math.sin(angle) * b
+        components[start + second] = math.cos(angle) * b - math.sin(angle) * a
+    return tuple(components)  # type: ignore[return-value]
 
 
 class Recording:
