@@ -260,7 +260,7 @@ def test_export_is_exact_at_any_episode(
 
 def one_line(process: Any) -> str:
     (line,) = process.err.splitlines()
-    assert line.startswith("treenail checkpoint: ")
+    assert line.startswith(("treenail checkpoint: ", "treenail checkpoint export: argument "))
     return str(line)
 
 
