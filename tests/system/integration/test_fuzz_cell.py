@@ -182,7 +182,7 @@ class Enemy:
         if name.startswith(STORED):
             return "store"
         first = name.partition("/")[0]
-        return {"move": "sim", "home": "sim", "experiment": "task", "swap": "task"}.get(first, first)
+        return {"move": "sim", "home": "sim", "resume": "sim", "experiment": "task", "swap": "task"}.get(first, first)
 
 
 @pytest.fixture
