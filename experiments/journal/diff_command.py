@@ -16,7 +16,7 @@ from rich.table import Table
 from experiments.journal import options as journal_options
 from experiments.journal.diff import Comparison
 from experiments.journal.replay import Replay
-from experiments.journal.source import Stored, StoredRun, chosen, runs
+from services.cell.stored import Stored, StoredRun, chosen, runs
 from services.cell.terminal import console
 from services.rules.command_line import Parser
 from services.rules.results import episodes_digest

@@ -11,10 +11,10 @@ from typing import TypeVar
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
-from experiments.journal.source import InCell, InFile, Stored
-from experiments.journal.store_file import opened
+from experiments.journal.store_file import InFile, opened
 from services.bus import command
 from services.cell import client
+from services.cell.stored import InCell, Stored
 from services.cell.terminal import console, description
 from services.rules import command_line
 from services.rules.command_line import EXIT_DIFFERS

@@ -16,10 +16,11 @@ from rich.table import Table
 
 from experiments.journal import options as journal_options
 from experiments.journal.replay import Replay
-from experiments.journal.source import InCell, InFile, StoredRun, chosen, runs
+from experiments.journal.store_file import InFile
 from experiments.journal.witnesses import Compared, Witnesses
 from experiments.lab.result_files import SUMMARY, ResultsError
 from services.cell.client import Client
+from services.cell.stored import InCell, StoredRun, chosen, runs
 from services.cell.terminal import console
 from services.rules.command_line import Parser, whole
 from services.rules.results import RunSummary, Summary

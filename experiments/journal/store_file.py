@@ -12,8 +12,8 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import NamedTuple
 
+from services.cell.stored import Value
 from services.store.database import Database
 from services.store.sqlite_file import StoreError, what_to_do
 from services.wire.errors import CellError
@@ -23,14 +23,6 @@ FILE = "store.sqlite"
 """Name of the store's file in the folder of a run."""
 _ATTEMPTS = 50
 _LOG_HEADER_BYTES = 32
-
-
-class Value(NamedTuple):
-    """What a store has under a key; ``name`` is the key within the cell."""
-
-    name: str
-    payload: bytes
-    encoding: str
 
 
 class StoreFile:
@@ -53,7 +45,27 @@ class StoreFile:
             found = self._database.get(prefix + expression)
         if found.damaged:
             raise CellError(f"{self.path}: damaged: {', '.join(found.damaged[:5])}; {what_to_do(self.path)}")
-        return [Value(value.key.removeprefix(prefix), value.payload, value.encoding) for value in found.values]
+        return [
+            Value(value.key.removeprefix(prefix), value.payload, value.encoding, int(value.timestamp[:16], 16))
+            for value in found.values
+        ]
+
+
+class InFile:
+    """One cell's part of a store's file."""
+
+    def __init__(self, file: StoreFile, cell: str) -> None:
+        self._file = file
+        self._cell = cell
+        self.path = file.path
+        self.where = f"{file.path}, cell {cell}"
+
+    def values(self, expression: str) -> list[Value]:
+        """Return what matches; see ``services.cell.stored.Stored``."""
+        return self._file.values(self._cell, expression)
+
+    def working_on(self) -> None:
+        """Nobody works in a file that is read."""
 
 
 @contextmanager

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from experiments.journal.replay import Replay, begin
 from services.agent.fold import AgentFold
+from services.cell.stored import StoredCheckpoint
 from services.classifier.fold import ClassifierFold
 from services.rules.results import Digests, RunResult, RunSummary, episodes_digest, run_summary
 from services.rules.skill import NamedSkill
@@ -43,8 +44,7 @@ class Compared(NamedTuple):
 class Witnesses(NamedTuple):
     """All that else knows of a run."""
 
-    checkpoints: Sequence[tuple[str, Checkpoint]] = ()
-    """With their names in the store."""
+    checkpoints: Sequence[StoredCheckpoint] = ()
     summary: RunSummary | None = None
     table: QTable | None = None
     """Of the living agent."""
@@ -55,7 +55,7 @@ class Witnesses(NamedTuple):
 
     def replay(self, record: RunRecord, began_with: NamedSkill | None, swaps: Sequence[Swap] = ()) -> Replay:
         """Return a replay that keeps what is needed for ``compared``."""
-        episodes = {checkpoint.episode for _, checkpoint in self.checkpoints}
+        episodes = {found.checkpoint.episode for found in self.checkpoints}
         if self.summary is not None:
             episodes.add(self.summary["episodes"])
         return Replay(
@@ -71,7 +71,7 @@ class Witnesses(NamedTuple):
     def compared(self, replay: Replay, began_with: NamedSkill | None, until: int | None) -> list[Compared]:
         """Hold each against a replay of all episodes before ``until``, by default of the whole journal."""
         found: list[Compared] = []
-        for name, checkpoint in self.checkpoints:
+        for name, checkpoint, _ in self.checkpoints:
             if until is None or checkpoint.episode <= until:
                 found += _checkpoint(replay, began_with, name, checkpoint)
         if self.summary is not None and (until is None or self.summary["episodes"] <= until):

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import fcntl
-import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,7 +17,7 @@ from services.cell.client import Client
 from services.cell.plan import Plan
 from services.cell.skill_transfer import give
 from services.cell.start import commands
-from services.cell.supervisor import StartError, Supervisor
+from services.cell.supervisor import Supervisor
 from services.wire.errors import CellError
 from services.wire.keys import OPERATOR
 
@@ -130,42 +129,6 @@ def temporary_cell(
             certify(certs, [], days=1)
         with LocalCell(replace(plan, out=Path(name) / "run", certs=certs), options=options) as cell:
             yield cell
-
-
-@contextmanager
-def stopped_store(place: Path, cell: str) -> Iterator[Client]:
-    """A client of the store that a stopped cell left in its run directory: router and a store of a copy run meanwhile.
-
-    A copy, because a store writes even when it is only asked, and the directory may be one that nobody may write to.
-    Raises CellError when there is none, when a cell is working in the directory, or when the store cannot be read.
-    """
-    file = place / "store.sqlite" if place.is_dir() else place
-    if not file.is_file():
-        raise CellError(f"--store {place}: expected a run directory with store.sqlite, got none")
-    if working := holders(file.with_name(f"{file.name}.lock")):
-        who = ", ".join(working)
-        raise CellError(f"--store {place}: a cell is working in it, ask that one without --store: {who}")
-    with TemporaryDirectory(prefix="treenail-") as folder:
-        supervisor, endpoint = Supervisor(Path(folder), lambda _: None), f"unixsock-stream/{folder}/z"
-        copy = Path(folder) / "store.sqlite"
-        shutil.copyfile(file, copy)
-        with suppress(FileNotFoundError):  # what a store that was killed had not yet put into its file
-            shutil.copyfile(f"{file}-wal", f"{copy}-wal")
-        try:
-            supervisor.start("router", "--listen", endpoint)
-            supervisor.start("store", "--cell", cell, "--connect", endpoint, "--file", str(copy))
-            with _client_when_up(Options(cell, (endpoint,), 0.5), supervisor.check) as client:
-                deadline = time.monotonic() + STORE_WITHIN_S
-                while "store" not in client.alive():
-                    supervisor.check()
-                    if time.monotonic() > deadline:
-                        raise CellError(f"--store {place}: expected the store within {STORE_WITHIN_S:g} s, got none")
-                    time.sleep(LOOK_EVERY_S)
-                yield client
-        except StartError as error:
-            raise CellError(str(error).replace(str(copy), str(file))) from None
-        finally:
-            supervisor.stop()
 
 
 def _client_when_up(options: Options, mind: Callable[[], None]) -> Client:

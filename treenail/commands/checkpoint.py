@@ -6,23 +6,24 @@ import argparse
 import json
 import re
 import sys
-from contextlib import AbstractContextManager
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from rich.table import Table
 
+from experiments.journal.options import STORE_HELP, places
 from experiments.lab.learnt import learnt
 from experiments.lab.skills import digests
 from services.cell import client, skill_transfer, stored
-from services.cell.client import Client
-from services.cell.local import stopped_store
+from services.cell.stored import OtherContractError, Stored, StoredRun
 from services.cell.terminal import console
 from services.rules import skill as skill_file
 from services.rules.command_line import number, whole
 from services.rules.skill import NamedSkill
 from services.rules.swaps import in_force, kind_of, words
-from services.wire.errors import CellError
-from services.wire.keys import WORKERS
+from services.wire.errors import CellError, ContractError
+from services.wire.keys import LATEST
 from services.wire.messages import Experiment
 
 Row = dict[str, str | int | bool | None]
@@ -74,16 +75,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_place(parser: argparse.ArgumentParser) -> None:
-    """Add the options that say which store: that of a living cell, or that of a stopped one."""
-    parser.add_argument("--store", type=Path, metavar="DIR", help="run directory of a cell that has stopped")
+    """Add the options that say which store: that of a living cell, or a file."""
+    parser.add_argument("--store", type=Path, metavar="FILE", help=STORE_HELP)
     client.add_arguments(parser)
+    parser.set_defaults(cell=None)  # a file may be of any cell
 
 
-def _store(arguments: argparse.Namespace) -> AbstractContextManager[Client]:
-    """Return a client of that store."""
-    if arguments.store is not None:
-        return stopped_store(arguments.store, arguments.cell)
-    return client.client_of(arguments)
+@contextmanager
+def _store(arguments: argparse.Namespace) -> Iterator[Stored]:
+    """Give what that store has."""
+    with places(arguments, arguments.store) as found:
+        if len(found) > 1:
+            there = ", ".join(store.where for store in found)
+            raise CellError(f"--cell: expected to be told which one of {there}")
+        yield found[0]
 
 
 def act(arguments: argparse.Namespace) -> None:
@@ -94,13 +99,13 @@ def act(arguments: argparse.Namespace) -> None:
 def _export(arguments: argparse.Namespace) -> None:
     if not arguments.force and arguments.file.exists():
         raise skill_file.SkillError(f"{arguments.file}: expected no such file yet; --force replaces it")
-    with _store(arguments) as cell:
-        run = stored.run_named(cell, arguments.run)
-        until = run.episodes if arguments.episode is None else arguments.episode
-        found = learnt(cell, run, until)
+    with _store(arguments) as store:
+        run = stored.run_named(store, arguments.run)
+        until = run.length() if arguments.episode is None else arguments.episode
+        found = learnt(run, until)
     skill_file.write(arguments.file, found, force=arguments.force)
     print(
-        f"{arguments.file}: skill {found.sha256[:12]} of run {run.record.run} after episode {until}: "
+        f"{arguments.file}: skill {found.sha256[:12]} of run {run.name} after episode {until}: "
         f"{found.states} contact states, {found.version} updates"
     )
 
@@ -144,20 +149,28 @@ def _agreed(running: Experiment | None, skill: NamedSkill | None, arguments: arg
 
 
 def _list(arguments: argparse.Namespace) -> None:
-    with _store(arguments) as cell:
-        runs = [row for run in stored.runs(cell) for row in _rows(cell, run)]
-        skills = stored.skills(cell)
+    runs: list[Row] = []
+    left_out: dict[str, str] = {}
+    with _store(arguments) as store:
+        for run in stored.runs(store):
+            try:
+                runs += _rows(run)
+            except (ContractError, OtherContractError) as error:
+                left_out[run.name] = str(error)
+        skills = stored.skills(store)
     skill_rows: list[Row] = [
         {**_named(skill), "bytes": size, "chosen": name == skills.chosen}
         for name, (skill, size) in skills.found.items()
     ]
     if arguments.json:
-        print(json.dumps({"runs": runs, "skills": skill_rows}))
+        print(json.dumps({"runs": runs, "skills": skill_rows, "left_out": left_out}))
         return
     shown = console()
-    shown.print(_table(f"Cell {cell.keys.cell}: what was learnt", _HEADINGS, runs))
+    shown.print(_table(f"{store.where}: what was learnt", _HEADINGS, runs))
     if skill_rows:
         shown.print(_table("Skills to begin with", _SKILL_HEADINGS, skill_rows))
+    for why in left_out.values():
+        print(f"left out: {why}")
 
 
 def _show(arguments: argparse.Namespace) -> None:
@@ -178,27 +191,30 @@ def _wanted(arguments: argparse.Namespace) -> NamedSkill:
     what = arguments.what
     if what is not None and (Path(what).exists() or not _IN_STORE.fullmatch(what)):
         return skill_file.read(Path(what))
-    with _store(arguments) as cell:
-        known = [] if what is None else [run.record.run for run in stored.runs(cell)]
+    with _store(arguments) as store:
+        known = [] if what is None else [run.name for run in stored.runs(store)]
         if what is None or what in known:
-            return learnt(cell, stored.run_named(cell, what))
-        skills = stored.skills(cell).found
-        if any(name.startswith(what) for name in skills):
-            return stored.skill_named(cell, what)
-    there = ", ".join([*known, *(name[:12] for name in skills)]) or "none"
+            return learnt(stored.run_named(store, what))
+        skills = [found for found, _ in stored.skills(store).found.values()]
+    fitting = [skill for skill in skills if skill.sha256.startswith(what)]
+    if len(fitting) == 1:
+        return fitting[0]
+    there = ", ".join([*known, *(skill.sha256[:12] for skill in skills)]) or "none"
     raise CellError(f"checkpoint: expected a file, or a run or skill that the store knows ({there}), got {what}")
 
 
-def _rows(cell: Client, run: stored.StoredRun) -> list[Row]:
-    """Return a row for the journal of a run, and one for each of its checkpoints."""
-    name = run.record.run
-    journal: Row = {"service": "task", "episodes": run.episodes, "decisions": run.decisions, "bytes": run.size_bytes}
-    rows: list[Row] = [{"run": name, **journal, "newest": True}]
-    for service in sorted(WORKERS):
-        for found in stored.checkpoints(cell, name, service):
-            place: Row = {"episodes": found.checkpoint.episode, "decisions": found.checkpoint.decisions}
-            rows.append({"run": name, "service": service, **place, "bytes": found.size_bytes, "newest": found.newest})
-    return rows
+def _rows(run: StoredRun) -> list[Row]:
+    """Return a row for the journal of a run, and one for each of its checkpoints. Raises as ``StoredRun`` does."""
+    run.record()
+    newest = run.newest()
+    episodes, decisions = (0, 0) if newest is None else (newest.episode + 1, newest.first_decision + len(newest.steps))
+    journal: Row = {"service": "task", "episodes": episodes, "decisions": decisions, "bytes": run.newest_bytes()}
+    rows: dict[object, Row] = {None: {"run": run.name, **journal, "newest": True}}
+    for name, found, size in run.checkpoints():  # the newest comes twice, and last under the name that says so
+        place: Row = {"episodes": found.episode, "decisions": found.decisions, "bytes": size}
+        row: Row = {"run": run.name, "service": found.service, **place, "newest": name.endswith(f"/{LATEST}")}
+        rows[found.service, found.episode] = row
+    return list(rows.values())
 
 
 def _named(skill: NamedSkill) -> Row:

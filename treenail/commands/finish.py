@@ -14,7 +14,7 @@ from experiments.lab.result_files import SKILL, write
 from experiments.lab.skills import digests
 from services.cell.client import Client
 from services.cell.ended import EndedRun, finished_episodes, result_of
-from services.cell.stored import run_named
+from services.cell.stored import InCell, StoredRun
 from services.rules.results import STEADY_EPISODES, RunResult, RunSummary, episodes_digest, summary
 from services.rules.skill import NamedSkill
 from services.wire.definition_file import definition_sha256
@@ -41,7 +41,7 @@ def finish(client: Client, ended: EndedRun, out: Path, mind: Callable[[], None])
     """
     result = result_of(client, ended, mind)
     try:
-        skill, trouble = learnt(client, run_named(client, ended.run), ended.episodes), None
+        skill, trouble = learnt(StoredRun(InCell(client), ended.run), ended.episodes), None
     except TreenailError as error:  # the results are not given up for it
         skill, trouble = None, str(error)
     return _write(out, ended, result, skill)._replace(trouble=trouble)
@@ -56,7 +56,7 @@ def finish_early(client: Client, run: EndedRun, planned: int, out: Path) -> Fini
     episodes = finished_episodes(client, run.run)
     if not episodes:
         return None
-    skill = learnt(client, run_named(client, run.run), len(episodes))
+    skill = learnt(StoredRun(InCell(client), run.run), len(episodes))
     result = RunResult(run.seed, episodes, {**digests(skill.skill), "episodes": episodes_digest(episodes)})
     return _write(out, run, result, skill, None if len(episodes) == planned else planned)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import argparse
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -11,14 +13,17 @@ import pytest
 from msgspec.structs import replace
 
 from experiments.journal import replay_command
-from experiments.journal.source import InFile, StoredRun, chosen
-from experiments.journal.store_file import opened
+from experiments.journal.store_file import InFile, opened
+from experiments.lab.skills import digests
+from services.cell.stored import StoredRun, chosen
+from services.rules.skill import read
 from services.store.database import Database
 from services.store.values import Put
 from services.wire.definition_file import load
 from services.wire.errors import CellError, GapError, NoAnswerError
 from services.wire.keys import Keys
 from services.wire.messages import JournalEpisode
+from treenail.commands import checkpoint
 
 KEYS = Keys("a")
 EPISODES = 5
@@ -265,3 +270,59 @@ def test_same_run_in_two_cells_of_a_file_needs_the_cell(
     assert f"which one of {run} ({path}, cell 1), {run} ({path}, cell 2)" in capsys.readouterr().err
     assert replay_command.main(["--store", str(path), "--cell", "3"]) == 2
     assert f"{path}, cell 3: expected a run, got none" in capsys.readouterr().err
+
+
+# -- what was learnt, out of a file -----------------------------------------------------------------------------------
+
+
+def asked(*words: str) -> None:
+    parser = argparse.ArgumentParser()
+    checkpoint.add_arguments(parser)
+    checkpoint.act(parser.parse_args(words))
+
+
+def test_what_was_learnt_in_a_file_is_listed_and_what_is_of_another_contract_is_said(
+    store: Path, first: Any, second: Any, store_of: Callable[..., Path], keep: Callable[..., None], capsys: Any
+) -> None:
+    store_of(store, second)
+    asked("list", "--store", str(store), "--json")
+    found = json.loads(capsys.readouterr().out)
+    assert found["left_out"] == {}
+    assert [(row["run"], row["service"], row["episodes"], row["newest"]) for row in found["runs"]] == [
+        (second.record.run, "task", 2, True),
+        (second.record.run, "agent", 2, True),
+        (second.record.run, "classifier", 2, True),
+        (first.record.run, "task", EPISODES, True),
+        *((first.record.run, service, *row) for service in ("agent", "classifier") for row in ((2, False), (4, True))),
+    ]
+    assert [row["skill"] for row in found["skills"]] == [second.began_with.sha256]
+    keep(store, {KEYS.run_record(first.record.run): replace(first.record, contract_sha256="0" * 64)})
+    asked("list", "--store", str(store), "--json")
+    found = json.loads(capsys.readouterr().out)
+    assert {row["run"] for row in found["runs"]} == {second.record.run}
+    assert list(found["left_out"]) == [first.record.run]
+    asked("list", "--store", str(store))
+    out = capsys.readouterr().out
+    assert f"left out: run {first.record.run}: expected contract " in out
+    assert "use the version of Treenail that recorded it" in out
+
+
+def test_what_was_learnt_in_a_file_is_exported_as_it_was_at_any_episode(
+    store: Path, first: Any, second: Any, store_of: Callable[..., Path], tmp_path: Path
+) -> None:
+    """Also with a journal whose first episodes are not needed any more, and beside a cell that works in the file."""
+    store_of(store, second)
+    forget(store, KEYS.journal(first.record.run, 0))
+    with Database(store):
+        for episode in (None, EPISODES, 3):
+            words = () if episode is None else ("--episode", str(episode))
+            file = tmp_path / f"{episode}.skill"
+            asked("export", str(file), "--store", str(store), "--run", first.record.run, *words)
+            made, wanted = digests(read(file).skill), first.digests[episode or EPISODES]
+            assert (made["q_table"], made["art2"]) == (wanted["q_table"], wanted["art2"])
+        asked("export", str(tmp_path / "second"), "--store", str(store))
+        assert read(tmp_path / "second").sha256 == second.run.learnt().sha256, "the run that was worked on last"
+    with pytest.raises(CellError, match=f"--episode: expected 0 to {EPISODES}, where run {first.record.run} stands"):
+        asked("export", str(tmp_path / "x"), "--store", str(store), "--run", first.record.run, "--episode", "6")
+    with pytest.raises(GapError, match="expected episode 0 in the journal"):
+        asked("export", str(tmp_path / "x"), "--store", str(store), "--run", first.record.run, "--episode", "1")

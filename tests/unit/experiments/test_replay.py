@@ -15,6 +15,7 @@ from experiments.journal import replay_command
 from experiments.journal.checks import reward_trouble, summary_troubles
 from experiments.journal.replay import Mismatch, Replay
 from experiments.journal.witnesses import Compared, Witnesses
+from services.cell.stored import StoredCheckpoint
 from services.rules.results import RunResult, summary
 from services.rules.swaps import planned
 from services.wire.actions import INSERT
@@ -366,8 +367,8 @@ def test_record_that_contradicts_itself_is_refused(first: Any) -> None:
 # -- what else knows --------------------------------------------------------------------------------------------------
 
 
-def named(checkpoints: list[Checkpoint]) -> list[tuple[str, Checkpoint]]:
-    return [(f"checkpoint/{one.run}/{one.service}/{one.episode:08d}", one) for one in checkpoints]
+def named(checkpoints: list[Checkpoint]) -> list[StoredCheckpoint]:
+    return [StoredCheckpoint(f"checkpoint/{one.run}/{one.service}/{one.episode:08d}", one, 0) for one in checkpoints]
 
 
 def compared(recorded: Any, witnesses: Witnesses, until: int | None = None) -> list[Compared]:
@@ -415,8 +416,8 @@ def test_every_number_of_a_checkpoint_is_compared(first: Any) -> None:
             assert any(row.equal is False for row in found), field
         others = {"decisions": one.decisions + 1, "contract_sha256": "0" * 64, "run": "x-s1", "service": "sim"}
         for field, value in {**others, "episode": one.episode + 1}.items():
-            ((name, _),) = named([one])
-            found = compared(first, Witnesses([(name, replace(one, **{field: value}))]))
+            (there,) = named([one])
+            found = compared(first, Witnesses([there._replace(checkpoint=replace(one, **{field: value}))]))
             assert any(row.equal is False for row in found), field
         assert one.service == "agent" or set(others) | {"episode", "snapshot"} == set(Checkpoint.__struct_fields__)
 
