@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 
 from services.agent.learning import Learner as TdLearner
 from services.rules import plugins
+from services.rules.entries import reward_in, state_in
 from services.rules.place import Place, split_place, with_place
 from services.rules.plugins import Learner
 from services.rules.timeline import Timeline
@@ -131,35 +132,13 @@ class AgentFold:
             decision = journal.first_decision + offset
             if decision < self.rewards or step.state is None:
                 continue
-            action = self.decide(
-                State(
-                    run=journal.run,
-                    episode=journal.episode,
-                    step=step.step,
-                    decision=decision,
-                    state=step.state,
-                    states=step.state + 1,
-                    match=0.0,
-                    swaps=journal.swaps,
-                )
-            )
+            action = self.decide(state_in(journal, offset, step.state))
             if step.action is not None and step.action != action.action:
                 raise DivergedError(
                     f"replay: decision {decision}: journal has action {step.action}, got {action.action}"
                 )
             if step.reward is not None:
-                ended = journal.summary is not None and offset == len(journal.steps) - 1
-                self.reward(
-                    Reward(
-                        run=journal.run,
-                        episode=journal.episode,
-                        step=step.step,
-                        decision=decision,
-                        reward=step.reward,
-                        terminal=journal.summary.outcome if ended and journal.summary is not None else None,
-                        swaps=journal.swaps,
-                    )
-                )
+                self.reward(reward_in(journal, offset, step.reward))
 
     def begin_with(self, skill: Skill) -> None:
         """Take over what was learnt in another run, before this one's first decision. Raises ValueError."""

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from services.classifier.art2 import Art2
 from services.rules import plugins
+from services.rules.entries import observation_in
 from services.rules.place import Place, split_place, with_place
 from services.rules.plugins import Classifier, ClassifierFullError
 from services.rules.timeline import Timeline
@@ -77,17 +78,7 @@ class ClassifierFold:
             decision = journal.first_decision + offset
             if decision < self.decisions:
                 continue
-            state = self.observe(
-                Observation(
-                    run=journal.run,
-                    episode=journal.episode,
-                    step=step.step,
-                    decision=decision,
-                    force_n=step.force_n,
-                    torque_nm=step.torque_nm,
-                    swaps=journal.swaps,
-                )
-            )
+            state = self.observe(observation_in(journal, offset))
             if step.state is not None and step.state != state.state:
                 raise DivergedError(f"replay: decision {decision}: journal has state {step.state}, got {state.state}")
 

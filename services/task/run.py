@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 
 from services.bus.service import Service
+from services.rules.entries import reward_in
 from services.rules.skill import NamedSkill
 from services.task.insertion import Insertion
 from services.task.journal import Journal, put_and_confirm, read
@@ -113,12 +114,4 @@ def _terminal_reward(entry: JournalEpisode) -> Reward | None:
     last = entry.steps[-1] if entry.steps else None
     if last is None or last.reward is None or entry.summary is None:
         return None
-    return Reward(
-        run=entry.run,
-        episode=entry.episode,
-        step=last.step,
-        decision=entry.first_decision + len(entry.steps) - 1,
-        reward=last.reward,
-        terminal=entry.summary.outcome,
-        swaps=entry.swaps,
-    )
+    return reward_in(entry, len(entry.steps) - 1, last.reward)

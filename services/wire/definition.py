@@ -17,7 +17,6 @@ from msgspec import Meta, Struct
 
 from services.wire.message_base import LONGEST_EPISODE, LONGEST_RUN
 
-Positive = Annotated[float, Meta(gt=0, le=1e6)]
 NotNegative = Annotated[float, Meta(ge=0, le=1e6)]
 Finite = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Fraction = Annotated[float, Meta(ge=0, le=1)]

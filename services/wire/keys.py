@@ -339,10 +339,6 @@ class Keys:
         """Key of one episode in the journal."""
         return self.of(name_of(ENTRY, run=run, episode=episode))
 
-    def journal_block(self, run: str, block: int) -> str:
-        """Key expression of all episodes of one block of the journal."""
-        return self.of(name_of(ENTRY, run=run, block=block))
-
     def journal_latest(self, run: str) -> str:
         """Key of the newest episode in the journal."""
         return self.of(name_of(NEWEST_ENTRY, run=run))

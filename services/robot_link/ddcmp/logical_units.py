@@ -13,9 +13,6 @@ from typing import NamedTuple
 
 from services.robot_link.ddcmp.settings import DdcmpError
 
-PREFIX_LENGTH = 4
-"""Bytes before the text; likely unit, function and two more."""
-
 
 class Row(NamedTuple):
     """One kind of message."""

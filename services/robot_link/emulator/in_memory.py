@@ -1,14 +1,11 @@
-"""Driver and emulated controller joined without a line: for tests of the dialogue, and to measure it."""
+"""Driver and emulated controller joined without a line: for tests of the dialogue."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
 
-from services.robot_link.emulator import poses
-from services.robot_link.emulator.arm import IdealArm
 from services.robot_link.emulator.controller import Controller
 from services.robot_link.errors import ControllerError, LinkError
-from services.robot_link.val2.dialects import DIALECTS
 from services.robot_link.val2.motion import Command, Pause
 from services.robot_link.val2.terminal import Answer, Event, State, Terminal, Trouble
 from services.wire.actions import Increment
@@ -73,14 +70,3 @@ class Joined:
                 return events
             if self.terminal.state is not State.DOWN:
                 events += self.terminal.receive(self._noise(shown), self.now_s)
-
-
-def dialogues(count: int, dialect: str = "val2") -> int:
-    """Ask an emulated controller ``count`` times where its arm is, through both machines; return the characters shown.
-
-    For benchmarks: pure work, no line, no waiting.
-    """
-    table = DIALECTS["vplus" if dialect == "vplus" else "val2"]
-    joined = Joined(Controller(IdealArm(poses.frame((400.0, 0.0, 100.0, 0.0, 170.0, 0.0), "zyz"))), Terminal(table))
-    joined.greet()
-    return sum(len("".join(joined._do(Command(table.where)))) for _ in range(count))

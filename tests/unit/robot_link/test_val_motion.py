@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from services.robot_link.emulator import poses
 from services.robot_link.emulator.arm import IdealArm
 from services.robot_link.emulator.controller import Behaviour, Controller
-from services.robot_link.emulator.in_memory import Joined, dialogues
+from services.robot_link.emulator.in_memory import Joined
 from services.robot_link.errors import ArrivalError, ControllerError, LinkError, UnsettledError
 from services.robot_link.settings import ArmSettings, Prompt, SettingError
 from services.robot_link.val2.dialects import DIALECTS
@@ -176,7 +176,3 @@ def test_align_puts_the_tool_along_an_axis() -> None:
     place = made.controller.arm.place
     assert place[:3, 2] == pytest.approx((0.0, 0.0, -1.0))
     assert np.allclose(place[:3, :3] @ place[:3, :3].T, np.eye(3))
-
-
-def test_dialogues_can_be_counted_in_memory() -> None:
-    assert dialogues(3) == 3 * dialogues(1) > 0
