@@ -38,6 +38,7 @@ AHEAD_S = 3600.0
 """How far ahead of all clocks of the cell the date of a skill may be."""
 MAX_BYTES = 4 << 30
 """Largest size of the file, unless it is told otherwise."""
+CANNOT_WRITE = "cannot write"
 GONE = (
     "expected the file that was opened here, but it was deleted, moved or replaced; nothing is written any more. "
     "What it held has been saved beside it with .rescued at its end: stop the cell, rename that, and start again"
@@ -193,9 +194,11 @@ class StoreShell:
                 raise StoreFileError(f"{self._database.path}: {GONE}")
             if operations:
                 self._write(operations)
+            elif self._service.phase.startswith(CANNOT_WRITE):
+                return  # until something can be written again
             self._service.phase = self._size()
         except StoreError as error:
-            self._service.phase = f"cannot write: {error}"[:200]
+            self._service.phase = f"{CANNOT_WRITE}: {error}"[:200]
             if operations:
                 self._service.refuse(StoreFailedError(f"{len(operations)} operations not stored: {error}"))
 

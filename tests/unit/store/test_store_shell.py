@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, cast
 
@@ -15,6 +16,8 @@ from services.bus.testing import FakeService
 from services.store.database import Database
 from services.store.retention import RetentionSettings
 from services.store.service import GONE, StoreShell
+from services.store.sqlite_file import StoreFullError
+from services.store.values import Put
 from services.wire.codec import decode, encode, encoding_of
 from services.wire.definition_file import definition_sha256, load, run_id
 from services.wire.keys import ENTRY, HEAD, NEWEST_ENTRY, RUN, name_of, wild
@@ -205,6 +208,23 @@ def test_a_file_that_is_gone_is_said_and_nothing_is_taken(
     assert refusal(store, "journal/**") == f"{file}: {GONE}"
     assert store.phase.startswith(f"cannot write: {file}")
     assert store.refused["StoreFailedError"] >= 1
+
+
+def test_a_full_store_says_so_until_it_has_written_something(store: FakeService, database: Database) -> None:
+    others = [f"other/{number:04}" for number in range(400)]
+    with suppress(StoreFullError):
+        for key in others:
+            database.apply([Put(key, key.encode() * 500, "e", f"{9:016x}/{'01' * 16}")])
+    for episode in range(3, 63):
+        store.hear(name_of(ENTRY, run=NAME, episode=episode), entry(episode), TASK)
+    for _ in range(2):
+        values(store)
+        assert store.phase.startswith("cannot write: ")
+        assert "expected room for the batch" in store.phase
+    database.prune(others)
+    store.hear(name_of(ENTRY, run=NAME, episode=3), entry(3), TASK)
+    values(store)
+    assert store.phase.startswith("running, ")
 
 
 def test_how_much_room_is_taken_is_in_the_phase(store: FakeService) -> None:
