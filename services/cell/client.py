@@ -16,7 +16,7 @@ from services.bus.answers import answer_in
 from services.bus.knock import nobody_listens
 from services.bus.rights import Rights
 from services.bus.service import Options
-from services.bus.session import come_after, open_client
+from services.bus.session import brief, come_after, open_client
 from services.wire.codec import decode, decode_json, encode, encoding_of
 from services.wire.errors import CellError, ContractError, NoAnswerError, RefusedError, WrongVersionError
 from services.wire.keys import ALIVE, ROOT, STORED, Keys, wild
@@ -173,7 +173,7 @@ class Client:
                 self.keys.of(name), timeout=timeout_s, consolidation=zenoh.ConsolidationMode.NONE
             )
         except zenoh.ZError as error:
-            raise RefusedError(f"key: expected a key expression of Zenoh's, got {name!r}: {error}") from None
+            raise RefusedError(f"key: expected a key expression of Zenoh's, got {name!r}: {brief(error)}") from None
         for reply in replies:
             if reply.ok is not None:
                 found.append(reply.ok)

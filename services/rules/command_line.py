@@ -75,7 +75,8 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """End the process with the message and how to get help."""
         unknown = re.search(r"^unrecognized arguments: (\S+)", message)
-        meant = did_you_mean(unknown[1].partition("=")[0], _options(self)) if unknown else ""
+        word, options = unknown[1].partition("=")[0] if unknown else "", _options(self)
+        meant = did_you_mean(word, options) if word not in options else ""  # one of another command means just that
         self.exit(EXIT_ERROR, f"{self.prog}: {' '.join(message.split())}{meant}; see {self.prog} --help\n")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:

@@ -9,6 +9,8 @@ from typing import NamedTuple
 
 from zenoh import NTP64, KeyExpr, Timestamp, ZError
 
+from services.bus.session import brief
+
 LARGEST_PAYLOAD_BYTES = 1 << 28
 
 _TIMESTAMP = re.compile(r"[0-9a-f]{16}/[0-9a-f]{32}")
@@ -112,7 +114,7 @@ def key_expression(text: str) -> KeyExpr:
     try:
         return KeyExpr(text)
     except ZError as error:
-        raise ValueError(f"key expression: expected a canonical one, got {text!r}: {error}") from error
+        raise ValueError(f"key expression: expected a canonical one, got {text!r}: {brief(error)}") from error
 
 
 def _check_timestamp(text: str) -> None:
@@ -124,7 +126,7 @@ def _check_operation(key: str, timestamp: str) -> None:
     try:
         KeyExpr(key)
     except ZError as error:
-        raise ValueError(f"key: expected a canonical key expression, got {key!r}: {error}") from error
+        raise ValueError(f"key: expected a canonical key expression, got {key!r}: {brief(error)}") from error
     if "*" in key:
         raise ValueError(f"key: expected one key, got {key!r}: a wildcard would reach what belongs to others")
     _check_timestamp(timestamp)

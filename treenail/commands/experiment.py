@@ -141,7 +141,12 @@ def _new(arguments: argparse.Namespace) -> int:
     path: Path = arguments.file
     try:
         with path.open("x", encoding="utf-8") as file:
-            file.write(definition_page.template(path.stem))
+            try:
+                file.write(definition_page.template(path.stem))
+                file.flush()
+            except OSError:  # half a file would be in the way of the next try
+                path.unlink()
+                raise
     except FileExistsError:
         raise TreenailError(f"{path}: expected no such file yet") from None
     except OSError as error:

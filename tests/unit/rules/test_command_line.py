@@ -100,6 +100,7 @@ def parser() -> Parser:
     [
         (["--quite"], "unrecognized arguments: --quite; did you mean --quiet?"),
         (["run", "--seed=1", "--sedes=3"], "unrecognized arguments: --sedes=3; did you mean --seeds?"),
+        (["run", "--quiet"], "unrecognized arguments: --quiet; see treenail x --help"),
         (["rn"], "expected one of run, got 'rn'; did you mean run?"),
         (["--mode", "terminl"], "expected one of terminal, supervisory, got 'terminl'; did you mean terminal?"),
         (["--episodes", "1_0"], "argument --episodes: expected a whole number from 1 to 100, got '1_0'"),

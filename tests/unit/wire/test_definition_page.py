@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import resource
 from pathlib import Path
 
 import pytest
@@ -48,3 +49,15 @@ def test_a_new_file_is_written_once_and_loads(tmp_path: Path, capsys: pytest.Cap
     assert load(str(path)) == Definition(name="my")
     assert experiment.main(["new", str(path)]) == 2
     assert capsys.readouterr().err == f"treenail experiment: {path}: expected no such file yet\n"
+
+
+def test_half_a_new_file_is_not_left_in_the_way(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "my.toml"
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+    try:
+        assert experiment.main(["new", str(path)]) == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert capsys.readouterr().err == f"treenail experiment: {path}: cannot be written: File too large\n"
+    assert not path.exists()
