@@ -48,26 +48,26 @@ def _act(arguments: argparse.Namespace) -> int:
     return int(results.get("equal") is False)
 
 
-def lines(found: Mapping[str, Value], indent: str = "") -> list[str]:
+def lines(figures: Mapping[str, Value], indent: str = "") -> list[str]:
     """Return a report as text: one line a figure, ``median (min to max)`` where there are several."""
     said: list[str] = []
-    width = max((len(name) for name in found), default=0)
-    for name, value in found.items():
+    width = max((len(name) for name in figures), default=0)
+    for name, value in figures.items():
         if isinstance(value, Mapping) and set(value) == {"median", "min", "max"}:
-            median, least, most = (_shown(value[key]) for key in ("median", "min", "max"))
+            median, least, most = (_in_words(value[key]) for key in ("median", "min", "max"))
             said.append(f"{indent}{name:<{width}}  {median}  ({least} to {most})")
         elif isinstance(value, Mapping):
             said += [f"{indent}{name}", *lines(value, indent + "  ")]
         elif isinstance(value, Sequence) and not isinstance(value, str):
             for item in value:
-                said += lines(item, indent) if isinstance(item, Mapping) else [f"{indent}{name}  {_shown(item)}"]
+                said += lines(item, indent) if isinstance(item, Mapping) else [f"{indent}{name}  {_in_words(item)}"]
                 said.append("")
         else:
-            said.append(f"{indent}{name:<{width}}  {_shown(value)}")
+            said.append(f"{indent}{name:<{width}}  {_in_words(value)}")
     return said
 
 
-def _shown(value: Value) -> str:
+def _in_words(value: Value) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

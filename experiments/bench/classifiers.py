@@ -26,20 +26,20 @@ def measure(definition: Definition, seed: int, vectors: int, episodes: int, roun
     default settings; ART2 those of the definition.
     """
     recordings = [_vectors(number, vectors) for number in range(seed, seed + rounds)]
-    found: list[Value] = []
+    classifiers: list[Value] = []
     for name, settings in _all(definition).items():
         judged = [_judge(settings, samples) for samples in recordings]
         runs = [_learn(definition, settings, number, episodes) for number in range(seed, seed + rounds)]
-        columns = {key: spread([one[key] for one in judged]) for key in judged[0]}
-        columns |= {key: spread([one[key] for one in runs]) for key in runs[0]}
-        found.append({"classifier": name, **columns})
+        columns = {key: spread([run[key] for run in judged]) for key in judged[0]}
+        columns |= {key: spread([run[key] for run in runs]) for key in runs[0]}
+        classifiers.append({"classifier": name, **columns})
     return {
         "experiment": definition.name,
         "seed": seed,
         "rounds": rounds,
         "vectors": vectors,
         "episodes": episodes,
-        "classifiers": found,
+        "classifiers": classifiers,
     }
 
 

@@ -29,7 +29,7 @@ from services.wire.randomness import MAX_SEED
 
 READY_WITHIN_S = 120.0
 POLL_S = 0.02
-WORKERS = ("sim", "classifier", "agent")
+BESIDE_TASK = ("sim", "classifier", "agent")
 SHARED = ("router", "store")
 
 
@@ -101,7 +101,7 @@ def _figures(count: int, fleet: Fleet) -> dict[str, Value]:
         "router_cpu_us_per_decision": 1e6 * shared["router"] / decisions,
         "store_cpu_us_per_decision": 1e6 * shared["store"] / decisions,
         "cpu_cores_used": (sum(spent) + sum(shared.values())) / seconds,
-        "cell_rss_mb": spread([one.rss_bytes / MB for one in last.cells]),
+        "cell_rss_mb": spread([usage.rss_bytes / MB for usage in last.cells]),
         "router_rss_mb": last.shared["router"].rss_bytes / MB,
         "store_rss_mb": last.shared["store"].rss_bytes / MB,
     }
@@ -165,13 +165,13 @@ def _messages(plan: Plan) -> dict[str, Value]:
         watch.read_for(1.0)  # the last episode's checkpoint and journal come after its summary
     if not watch.traffic.complete:
         raise CellError("bench: expected to hear all that a cell publishes, it was too much")
-    found: dict[str, Value] = {
-        name: {"messages": one.messages / cell.decisions, "bytes": one.payload_bytes / cell.decisions}
-        for name, one in sorted(watch.traffic.counts.items())
+    rates: dict[str, Value] = {
+        name: {"messages": count.messages / cell.decisions, "bytes": count.payload_bytes / cell.decisions}
+        for name, count in sorted(watch.traffic.counts.items())
         if name != "heartbeat"  # once a second whatever is decided
     }
     motions = sum(summary.moves + 1 for summary in cell.summaries)
-    return {**found, "home and move": {"questions": motions / cell.decisions}}
+    return {**rates, "home and move": {"questions": motions / cell.decisions}}
 
 
 @contextmanager
@@ -188,9 +188,9 @@ def _fleet(plan: Plan, count: int) -> Iterator[_Running]:
             mine = replace(plan, cell=str(number), seed=plan.seed + number - 1, out=folder / str(number))
             cell = stack.enter_context(LocalCell(mine))
             cells.append(MeasuredCell(cell, stack.enter_context(cell.client())))
-            cell.start(*WORKERS)
+            cell.start(*BESIDE_TASK)
         running = _Running(shared, cells)
-        _wait_for_claims(running, count * (len(WORKERS) + 1))
+        _wait_for_claims(running, count * (len(BESIDE_TASK) + 1))
         yield running
 
 

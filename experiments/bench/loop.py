@@ -58,7 +58,7 @@ def report(subject: Subject, plan: Pattern, rounds: Sequence[Round]) -> dict[str
     def each(seconds: Sequence[float], count: int) -> dict[str, float]:
         return spread([1e6 * value / count for value in seconds])
 
-    ratio = spread([(one.distributed_s - one.in_process.physics_s) / one.chain.total_s for one in rounds])
+    ratio = spread([(trial.distributed_s - trial.in_process.physics_s) / trial.chain.total_s for trial in rounds])
     figures: dict[str, Value] = {
         "experiment": subject.experiment,
         "seed": subject.seed,
@@ -66,20 +66,20 @@ def report(subject: Subject, plan: Pattern, rounds: Sequence[Round]) -> dict[str
         "episodes": len(plan.summaries),
         "decisions": decisions,
         "motions": motions,
-        "physics_us": each([one.in_process.physics_s for one in rounds], decisions),
-        "in_process_us": each([one.in_process.total_s for one in rounds], decisions),
-        "bare_chain_us": each([one.chain.total_s for one in rounds], decisions),
-        "distributed_us": each([one.distributed_s for one in rounds], decisions),
-        "bare_motion_us": each([one.chain.motions_s for one in rounds], motions),
-        "bare_decision_us": each([one.chain.decisions_s for one in rounds], decisions),
-        "in_process_decisions_per_s": spread([decisions / one.in_process.total_s for one in rounds]),
-        "in_process_motions_per_s": spread([motions / one.in_process.total_s for one in rounds]),
-        "distributed_decisions_per_s": spread([decisions / one.distributed_s for one in rounds]),
+        "physics_us": each([trial.in_process.physics_s for trial in rounds], decisions),
+        "in_process_us": each([trial.in_process.total_s for trial in rounds], decisions),
+        "bare_chain_us": each([trial.chain.total_s for trial in rounds], decisions),
+        "distributed_us": each([trial.distributed_s for trial in rounds], decisions),
+        "bare_motion_us": each([trial.chain.motions_s for trial in rounds], motions),
+        "bare_decision_us": each([trial.chain.decisions_s for trial in rounds], decisions),
+        "in_process_decisions_per_s": spread([decisions / trial.in_process.total_s for trial in rounds]),
+        "in_process_motions_per_s": spread([motions / trial.in_process.total_s for trial in rounds]),
+        "distributed_decisions_per_s": spread([decisions / trial.distributed_s for trial in rounds]),
         "ratio": ratio,
         "target_ratio": TARGET_RATIO,
         "target_met": ratio["median"] <= TARGET_RATIO,
     }
-    secured = [(one.secured_s, one.distributed_s) for one in rounds if one.secured_s is not None]
+    secured = [(trial.secured_s, trial.distributed_s) for trial in rounds if trial.secured_s is not None]
     if secured:
         cost = spread([with_s / without_s for with_s, without_s in secured])
         figures["secured_us"] = each([with_s for with_s, _ in secured], decisions)

@@ -128,18 +128,18 @@ class Loads(NamedTuple):
 def spread_out(network: Network) -> dict[Place, int]:
     """Deal the cells out to regions and to the routers in them that work, and return how many each has."""
     working = network.routers - network.down
-    found = {Place(region, router): 0 for region in range(network.regions) for router in range(working)}
+    cells = {Place(region, router): 0 for region in range(network.regions) for router in range(working)}
     for cell in range(network.cells):
-        found[Place(cell % network.regions, cell // network.regions % working)] += 1
-    return found
+        cells[Place(cell % network.regions, cell // network.regions % working)] += 1
+    return cells
 
 
 def loads(network: Network) -> Loads:
     """Follow the messages of every cell and return what each part has to bear."""
     cells = spread_out(network)
-    watched = _watched(network, cells)
+    watched = _deal_watched(network, cells)
     inside, puts = _in_cell(network), _puts(network)
-    told, seen = _told(network), _seen(network)
+    told, seen = _load_at_centre(network), _load_of_watching(network)
     copies = network.operator_routers
     routers, stores = {}, {}
     links = dict.fromkeys(range(network.regions), Load())
@@ -155,17 +155,17 @@ def loads(network: Network) -> Loads:
 
 def report(network: Network) -> dict[str, Value]:
     """Return the rates of the busiest router, store and link, and which part is at its limit first."""
-    found = loads(network)
-    router, store = max(found.routers.values()), max(found.stores.values())
-    link = max(found.links.values(), key=lambda load: load.bytes)
+    all_loads = loads(network)
+    router, store = max(all_loads.routers.values()), max(all_loads.stores.values())
+    link = max(all_loads.links.values(), key=lambda load: load.bytes)
     use = {
         "regional router": router.messages * network.router_us / 1e6 / network.share,
         "store": store.messages * network.store_us / 1e6 / network.share,
         "link to the centre": 8 * link.bytes / 1e6 / network.link_mbit_per_s,
-        "centre's router": found.centre.messages * network.router_us / 1e6 / network.share,
+        "centre's router": all_loads.centre.messages * network.router_us / 1e6 / network.share,
     }
     first = max(use, key=lambda name: use[name])
-    most = max(found.cells.values())
+    most = max(all_loads.cells.values())
     own = _in_cell(network)
     return {
         "cells": network.cells,
@@ -176,34 +176,34 @@ def report(network: Network) -> dict[str, Value]:
         "most_cells_on_a_router": most,
         "one_cell": {"passages_per_s": own.messages, "kbit_per_s": 8 * own.bytes / 1000},
         "all_cells": {
-            "passages_per_s": sum(load.messages for load in found.routers.values()),
-            "puts_per_s": sum(load.messages for load in found.stores.values()),
-            "gbit_per_s": 8 * sum(load.bytes for load in found.routers.values()) / 1e9,
+            "passages_per_s": sum(load.messages for load in all_loads.routers.values()),
+            "puts_per_s": sum(load.messages for load in all_loads.stores.values()),
+            "gbit_per_s": 8 * sum(load.bytes for load in all_loads.routers.values()) / 1e9,
         },
-        "regional_router": _shown(router, "passages"),
-        "store": _shown(store, "puts"),
+        "regional_router": _rates(router, "passages"),
+        "store": _rates(store, "puts"),
         "store_gb_per_day": store.bytes * 86400 / 1e9,
-        "link_to_the_centre": _shown(link, "messages"),
-        "centre_router": _shown(found.centre, "passages"),
+        "link_to_the_centre": _rates(link, "messages"),
+        "centre_router": _rates(all_loads.centre, "passages"),
         "use_percent": {name: 100 * value for name, value in use.items()},
         "fits": max(use.values()) <= 1.0,
         "first_at_its_limit": first,
         "cells_then": math.floor(network.cells / use[first]),
-        "routers_needed_per_region": _needed(network),
+        "routers_needed_per_region": _routers_needed(network),
     }
 
 
-def _needed(network: Network) -> int:
+def _routers_needed(network: Network) -> int:
     """Return how many routers a region needs that its routers and stores are not above their share."""
     here = math.ceil(network.cells / network.regions)
     per_cell_us = max(
-        (_in_cell(network).messages + network.operator_routers * _told(network).messages) * network.router_us,
+        (_in_cell(network).messages + network.operator_routers * _load_at_centre(network).messages) * network.router_us,
         _puts(network).messages * network.store_us,
     )
     return max(1, math.ceil(here * per_cell_us / 1e6 / network.share)) + network.down
 
 
-def _shown(load: Load, what: str) -> dict[str, Value]:
+def _rates(load: Load, what: str) -> dict[str, Value]:
     return {f"{what}_per_s": load.messages, "mbit_per_s": 8 * load.bytes / 1e6}
 
 
@@ -228,13 +228,13 @@ def _puts(network: Network) -> Load:
     return Load().plus(2 * episodes, journal_bytes).plus(4 * episodes / 20, network.checkpoint_bytes)
 
 
-def _told(network: Network) -> Load:
+def _load_at_centre(network: Network) -> Load:
     """Return what one of the centre's routers gets of each cell."""
     episodes = network.decisions_per_s / network.decisions_per_episode
     return Load().plus(episodes, network.episode_bytes).plus(network.operator_heartbeats, network.heartbeat_bytes)
 
 
-def _seen(network: Network) -> Load:
+def _load_of_watching(network: Network) -> Load:
     """Return what one operator gets, beside that, of a cell that he watches: all of the loop but the queries."""
     load = Load().plus(network.ft_packets_per_s, network.ft_packet_bytes)
     for flow in FLOWS:
@@ -243,15 +243,15 @@ def _seen(network: Network) -> Load:
     return load
 
 
-def _watched(network: Network, cells: dict[Place, int]) -> Counter[Place]:
+def _deal_watched(network: Network, cells: dict[Place, int]) -> Counter[Place]:
     """Deal the watched cells out to the routers that have cells, one after the other."""
-    left, found = network.watched, Counter[Place]()
+    left, watched = network.watched, Counter[Place]()
     while left:
         for place, count in cells.items():
-            if left and found[place] < count:
-                found[place] += 1
+            if left and watched[place] < count:
+                watched[place] += 1
                 left -= 1
-    return found
+    return watched
 
 
 def _times(load: Load, factor: float) -> Load:
@@ -299,13 +299,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def network(arguments: argparse.Namespace) -> Network:
     """Return the network that parsed arguments describe. Raises TreenailError for one that cannot be."""
-    made = Network(**{name: getattr(arguments, name) for name in Network._fields})
+    plan = Network(**{name: getattr(arguments, name) for name in Network._fields})
     for name in _ABOVE_0:
-        _check(name, getattr(made, name), getattr(made, name) > 0, "more than 0")
-    _check("down", made.down, made.down < made.routers, f"less than the {made.routers} routers of a region")
-    _check("watched", made.watched, made.watched <= made.cells, f"at most the {made.cells} cells")
-    _check("share", made.share, made.share <= 1, "at most 1")
-    return made
+        _check(name, getattr(plan, name), getattr(plan, name) > 0, "more than 0")
+    _check("down", plan.down, plan.down < plan.routers, f"less than the {plan.routers} routers of a region")
+    _check("watched", plan.watched, plan.watched <= plan.cells, f"at most the {plan.cells} cells")
+    _check("share", plan.share, plan.share <= 1, "at most 1")
+    return plan
 
 
 def _check(name: str, value: float, holds: bool, expected: str) -> None:

@@ -106,7 +106,7 @@ def exchange(
 ) -> Exchanged:
     """Send messages both ways at once, from start-up until both ends have all. Raises TreenailError if an end halts."""
     usual = DdcmpSettings(byte_s=BYTE_S)
-    ends = tuple(Ddcmp(one) for one in settings or (usual, usual))
+    ends = tuple(Ddcmp(setting) for setting in settings or (usual, usual))
     ways = OneWay(damage, 2 * seed), OneWay(damage, 2 * seed + 1)
     texts = deque(from_left), deque(from_right)
     received: tuple[list[bytes], list[bytes]] = ([], [])

@@ -57,15 +57,15 @@ def art2(steps: int, rounds: int) -> dict[str, Value]:
     for encoding, classes in ART2_CASES:
         network, founders = _art2_with(encoding, classes)
         taken_us = [_art2_steps(network, founders, steps, number) for number in range(rounds)]
-        medians = spread([percentile(one, 50) for one in taken_us])
+        medians = spread([percentile(round_us, 50) for round_us in taken_us])
         inputs = input_count(encoding)
         case: dict[str, Value] = {
             "encoding": encoding,
             "inputs": inputs,
             "classes": classes,
-            "classifications_per_s": spread([1e6 / percentile(one, 50) for one in taken_us]),
+            "classifications_per_s": spread([1e6 / percentile(round_us, 50) for round_us in taken_us]),
             "step_median_us": medians,
-            "step_p99_us": spread([percentile(one, 99) for one in taken_us]),
+            "step_p99_us": spread([percentile(round_us, 99) for round_us in taken_us]),
         }
         if (inputs, classes) == (12, 20):
             case |= {"target_us": ART2_TARGET_US, "target_met": medians["median"] <= ART2_TARGET_US}
@@ -95,8 +95,8 @@ def learner(definition: Definition, seed: int, steps: int, rounds: int) -> dict[
         "states": STATES,
         "actions": definition.moves.actions,
         "updates_per_s": spread(updates),
-        "decide_median_us": spread([percentile(one, 50) for one in decides_us]),
-        "decide_p99_us": spread([percentile(one, 99) for one in decides_us]),
+        "decide_median_us": spread([percentile(round_us, 50) for round_us in decides_us]),
+        "decide_p99_us": spread([percentile(round_us, 99) for round_us in decides_us]),
     }
 
 

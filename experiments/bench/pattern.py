@@ -103,19 +103,19 @@ def pattern(definition: Definition, seed: int, episodes: int, skipped: int = 1) 
 
 def _exchanges(noted: Sequence[tuple[Message, ...]]) -> list[Exchange]:
     """Return the lengths of the messages; a classifier's part of a decision is followed by the agent's."""
-    found: list[Exchange] = []
+    exchanges: list[Exchange] = []
     observation = state = 0
     for messages in noted:
         sizes = [len(encode(message)) for message in messages]
         if isinstance(messages[0], Home | Move):
-            found.append(Motion(*sizes))
+            exchanges.append(Motion(*sizes))
         elif isinstance(messages[0], Reward):
-            found.append(Rewarded(*sizes))
+            exchanges.append(Rewarded(*sizes))
         elif isinstance(messages[0], Observation):
             observation, state = sizes
         else:
-            found.append(Decision(observation, state, *sizes))
-    return found
+            exchanges.append(Decision(observation, state, *sizes))
+    return exchanges
 
 
 class _NotingCell(SimulatedCell):

@@ -43,10 +43,10 @@ def usages(supervisor: Supervisor, others: Mapping[str, int] | None = None) -> d
     Raises CellError when one has ended.
     """
     mind(supervisor)
-    found = {name: usage(pid, name) for name, pid in (others or {}).items()}
+    of_others = {name: usage(pid, name) for name, pid in (others or {}).items()}
     return {
         child.name: usage(child.process.pid) for child in supervisor.children.values() if child.process is not None
-    } | found
+    } | of_others
 
 
 def mind(*supervisors: Supervisor) -> None:
@@ -69,5 +69,5 @@ def slope_per_h(times_s: Sequence[float], values: Sequence[float]) -> float:
 
 def total(parts: Iterable[Usage]) -> Usage:
     """Return what some processes take together."""
-    found = list(parts)
-    return Usage(sum(part.rss_bytes for part in found), sum(part.cpu_s for part in found))
+    processes = list(parts)
+    return Usage(sum(part.rss_bytes for part in processes), sum(part.cpu_s for part in processes))

@@ -61,19 +61,19 @@ def measure(subject: Subject, seconds: float, per_s: float, rounds: int) -> dict
 
 def report(subject: Subject, seconds: float, per_s: float, rounds: Sequence[Round]) -> dict[str, Value]:
     """Return the figures of some rounds."""
-    found: dict[str, Value] = {
+    figures: dict[str, Value] = {
         "experiment": subject.experiment,
         "seed": subject.seed,
         "rounds": len(rounds),
         "seconds_each": seconds,
         "queries_per_s": per_s,
-        "learnt_per_s_without": spread([one.alone.learnt_per_s for one in rounds]),
+        "learnt_per_s_without": spread([trial.alone.learnt_per_s for trial in rounds]),
     }
     p99_ms: dict[str, dict[str, float]] = {}
     for kind in ("idle", *POLICIES):
-        parts: list[Part] = [getattr(one, kind) for one in rounds]
+        parts: list[Part] = [getattr(trial, kind) for trial in rounds]
         p99_ms[kind] = spread([percentile(part.latencies_ms, 99) for part in parts])
-        found[kind] = {
+        figures[kind] = {
             "queries": sum(len(part.latencies_ms) for part in parts),
             "median_ms": spread([percentile(part.latencies_ms, 50) for part in parts]),
             "p99_ms": p99_ms[kind],
@@ -81,7 +81,7 @@ def report(subject: Subject, seconds: float, per_s: float, rounds: Sequence[Roun
             "learnt_per_s": spread([part.learnt_per_s for part in parts]),
         }
     worst = max(p99_ms[kind]["median"] for kind in POLICIES)
-    return {**found, "target_p99_ms": TARGET_P99_MS, "target_met": worst < TARGET_P99_MS}
+    return {**figures, "target_p99_ms": TARGET_P99_MS, "target_met": worst < TARGET_P99_MS}
 
 
 def _round(client: Client, seconds: float, per_s: float) -> Round:

@@ -96,7 +96,7 @@ def report(
         "episodes_per_s": (last.episodes - first.episodes) / seconds,
         "decisions_per_s": (last.decisions - first.decisions) / seconds,
         "processes": memory,
-        "all_flat": all(one["memory"] == "flat" for one in memory.values()),
+        "all_flat": all(figures["memory"] == "flat" for figures in memory.values()),
         "smallest_growth_told_mb_per_h": FLAT_MB * 3600 / (samples[-1].time_s * (1 - WARM_UP)),
         "store": _store(keep_episodes, samples),
         "ft_stream": _stream(in_packet, stream),
@@ -107,7 +107,7 @@ def _process(name: str, samples: Sequence[Sample]) -> dict[str, Value]:
     """Return what one process takes; its slope is that after the warm-up."""
     end = samples[-1].time_s
     late = [sample for sample in samples if sample.time_s >= WARM_UP * end]
-    slope = slope_per_h([one.time_s for one in late], [one.processes[name].rss_bytes / MB for one in late])
+    slope = slope_per_h([sample.time_s for sample in late], [sample.processes[name].rss_bytes / MB for sample in late])
     first, last = samples[0].processes[name], samples[-1].processes[name]
     rise = slope * (late[-1].time_s - late[0].time_s) / 3600
     return {
@@ -125,35 +125,36 @@ def _store(keep_episodes: int, samples: Sequence[Sample]) -> dict[str, Value]:
     filling = [sample for sample in samples if sample.forgot == 0]
     last = samples[-1].forgot
     peaks = [
-        max((one for one in samples if one.forgot == cycle), key=lambda one: one.store_bytes)
+        max((sample for sample in samples if sample.forgot == cycle), key=lambda sample: sample.store_bytes)
         for cycle in _cycles(samples)
     ]
     if last < CYCLES:
         size = "too short to say"  # the last cycle is not over, and the first one began with an empty file
     else:
         first, *others = peaks[1:-1]
-        held = _held(keep_episodes, samples, first)
+        held = _decisions_held(keep_episodes, samples, first)
         allowed = [
-            SAME_PEAK * max(1.0, _held(keep_episodes, samples, one) / held) * first.store_bytes for one in others
+            SAME_PEAK * max(1.0, _decisions_held(keep_episodes, samples, sample) / held) * first.store_bytes
+            for sample in others
         ]
-        within = all(one.store_bytes <= most for one, most in zip(others, allowed, strict=True))
+        within = all(sample.store_bytes <= most for sample, most in zip(others, allowed, strict=True))
         size = "bounded" if within else "grows"
-    per_hour = slope_per_h([one.episodes for one in filling], [float(one.store_bytes) for one in filling])
+    per_hour = slope_per_h([sample.episodes for sample in filling], [float(sample.store_bytes) for sample in filling])
     return {
         "size": size,
         "keep_episodes": keep_episodes,
         "forgot": last,
-        "peaks_mb": [one.store_bytes / MB for one in peaks],
-        "decisions_held_at_peaks": [round(_held(keep_episodes, samples, one)) for one in peaks],
+        "peaks_mb": [sample.store_bytes / MB for sample in peaks],
+        "decisions_held_at_peaks": [round(_decisions_held(keep_episodes, samples, sample)) for sample in peaks],
         "last_mb": samples[-1].store_bytes / MB,
         "bytes_per_episode_while_filling": per_hour / 3600,
     }
 
 
-def _held(keep_episodes: int, samples: Sequence[Sample], now: Sample) -> float:
+def _decisions_held(keep_episodes: int, samples: Sequence[Sample], now: Sample) -> float:
     """Return how many decisions the store holds: those since it forgot last, and of the episodes that it kept then."""
-    since = next(one for one in samples if one.forgot == now.forgot).episodes if now.forgot else 0
-    episodes, decisions = [one.episodes for one in samples], [one.decisions for one in samples]
+    since = next(sample for sample in samples if sample.forgot == now.forgot).episodes if now.forgot else 0
+    episodes, decisions = [sample.episodes for sample in samples], [sample.decisions for sample in samples]
     return now.decisions - float(np.interp(max(0, since - keep_episodes), episodes, decisions))
 
 
@@ -224,8 +225,8 @@ def _streaming(endpoint: str, in_packet: int, folder: Path) -> Iterator[tuple[di
 
     def end() -> Stream:
         # The sender first: the receiver then waits for what is still on its way.
-        sent = _ended(started["send"], folder / "send.out", folder / "send.log")
-        return Stream(real_time, sent, _ended(started["receive"], folder / "receive.out", folder / "receive.log"))
+        sent = _result_of(started["send"], folder / "send.out", folder / "send.log")
+        return Stream(real_time, sent, _result_of(started["receive"], folder / "receive.out", folder / "receive.log"))
 
     try:
         yield {f"ft_{part}": process.pid for part, process in started.items()}, end
@@ -253,7 +254,7 @@ def _ahead() -> Iterator[bool]:
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
 
 
-def _ended(process: subprocess.Popen[bytes], out: Path, log: Path) -> dict[str, float]:
+def _result_of(process: subprocess.Popen[bytes], out: Path, log: Path) -> dict[str, float]:
     """Stop one end of the stream and return its figures. Raises CellError when it has none."""
     process.send_signal(signal.SIGTERM)
     try:
@@ -263,5 +264,5 @@ def _ended(process: subprocess.Popen[bytes], out: Path, log: Path) -> dict[str, 
     said = last_line(out)
     if status != 0 or not said.startswith("{"):
         raise CellError(f"bench: expected the figures of the stream, got exit status {status}: {last_line(log)}")
-    found: dict[str, float] = json.loads(said)
-    return found
+    result: dict[str, float] = json.loads(said)
+    return result

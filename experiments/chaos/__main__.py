@@ -56,17 +56,17 @@ def _run(arguments: argparse.Namespace) -> int:
     swaps = swaps_of("", definition, arguments.swap, arguments.episodes)
     others = max(1, arguments.kills // OTHERS_PER_KILLS) if arguments.others is None else arguments.others
 
-    def planned(kinds: Sequence[str]) -> plans.Plan:
+    def make_plan(kinds: Sequence[str]) -> plans.Plan:
         return plans.make(arguments.seed, arguments.kills, others, kinds, arguments.services)
 
-    planned(arguments.kinds)  # what is wrong is said before anything starts
+    make_plan(arguments.kinds)  # what is wrong is said before anything starts
     with _folder(arguments.out) as folder:
         clocks, skipped = _clocks(folder, arguments.kinds)
         kinds = [kind for kind in arguments.kinds if kind not in skipped]
         if not kinds:
             why = "; ".join(set(skipped.values()))
             raise TreenailError(f"--kinds: expected some that can be done here, got none: {why}")
-        plan = planned(kinds)
+        plan = make_plan(kinds)
         runs = _carry_out(arguments, definition, swaps, plan, clocks, folder)
         return _tell(arguments, plan, runs, skipped, folder)
 
@@ -117,16 +117,16 @@ def _tell(
     folder: Path,
 ) -> int:
     """Print the report and return the exit status; a temporary folder stays only when something is wrong."""
-    good, found = well(plan, runs), json.dumps(as_json(plan, runs, skipped), indent=2)
+    good, text = well(plan, runs), json.dumps(as_json(plan, runs, skipped), indent=2)
     if arguments.json:
-        print(found, flush=True)
+        print(text, flush=True)
     else:
         console(least_width=TABLE_WIDTH).print(table(runs))
         print("\n".join(lines(plan, runs, skipped)), flush=True)
     if arguments.out is None and good:
         shutil.rmtree(folder)
     else:
-        (folder / "chaos.json").write_text(found + "\n")
+        (folder / "chaos.json").write_text(text + "\n")
         print(f"report in {folder}", file=sys.stderr)
     return 0 if good else EXIT_DIFFERS
 
@@ -170,16 +170,16 @@ def _parser() -> argparse.ArgumentParser:
     run.add_argument(
         "--others", type=whole(0), metavar="N", help="how often each other kind (default: one for 50 kills)"
     )
-    for option, known, what in (
+    for option, names, what in (
         ("--kinds", tuple(plans.KINDS), "disturb"),
         ("--services", plans.SERVICES, "kill and freeze"),
     ):
         run.add_argument(
             option,
             type=lambda text: text.split(","),
-            default=known,
+            default=names,
             metavar="A,B,...",
-            help=f"what to {what} only (default: {','.join(known)})",
+            help=f"what to {what} only (default: {','.join(names)})",
         )
     run.add_argument(
         "--control", action="store_true", help="compare with the next seed's run, to see that a difference is found"

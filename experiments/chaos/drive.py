@@ -39,9 +39,9 @@ def drive(
     counted, moved = 0, time.monotonic()
     seen = 0
 
-    def note(one: Done) -> None:
-        done.append(one)
-        tell(one)
+    def note(outcome: Done) -> None:
+        done.append(outcome)
+        tell(outcome)
 
     while not watch.finished:
         cell.check()

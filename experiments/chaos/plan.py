@@ -79,12 +79,12 @@ class Plan:
     @property
     def disturbances(self) -> tuple[Disturbance, ...]:
         """Return all of them in order."""
-        return tuple(one for section in self.sections for one in section.disturbances)
+        return tuple(disturbance for section in self.sections for disturbance in section.disturbances)
 
     @property
     def kills(self) -> int:
         """Return how many processes are killed."""
-        return sum(len(one.killed) for one in self.disturbances)
+        return sum(len(disturbance.killed) for disturbance in self.disturbances)
 
 
 def make(
@@ -101,20 +101,20 @@ def make(
     if kills < 0 or others < 0:
         raise TreenailError(f"--kills and --others: expected 0 or more, got {kills} and {others}")
     draw = random.Random(seed)
-    made = list(_kills(draw, kills, kinds, services)) if set(kinds) & set(KILLING) else []
+    disturbances = list(_kills(draw, kills, kinds, services)) if set(kinds) & set(KILLING) else []
     for kind in kinds:
         if kind not in KILLING:
-            made += [_other(draw, kind, services) for _ in range(others)]
-    if not made:
+            disturbances += [_other(draw, kind, services) for _ in range(others)]
+    if not disturbances:
         raise TreenailError("--kills and --others: expected something to do, got 0 of each that is named")
-    return Plan(seed, tuple(_sections(draw, made)))
+    return Plan(seed, tuple(_sections(draw, disturbances)))
 
 
-def _check(option: str, named: Sequence[str], known: Sequence[str]) -> None:
-    wrong = [name for name in named if name not in known]
+def _check(option: str, named: Sequence[str], names: Sequence[str]) -> None:
+    wrong = [name for name in named if name not in names]
     if wrong or not named or len(set(named)) != len(named):
         raise TreenailError(
-            f"{option}: expected some of {', '.join(known)}, each once, got {', '.join(named) or 'none'}"
+            f"{option}: expected some of {', '.join(names)}, each once, got {', '.join(named) or 'none'}"
         )
 
 
@@ -152,19 +152,19 @@ def _after(draw: random.Random) -> int:
     return draw.randint(1, LATEST)
 
 
-def _sections(draw: random.Random, made: list[Disturbance]) -> Iterator[Section]:
+def _sections(draw: random.Random, disturbances: list[Disturbance]) -> Iterator[Section]:
     """Deal the disturbances out to runs: those of the link to runs with a tap, the others to all alike."""
-    link = [one for one in made if one.kind in LINK]
-    rest = [one for one in made if one.kind not in LINK]
-    count = max(math.ceil(len(made) / MOST_AT_ONCE), (1 if link else 0) + (1 if rest else 0))
+    link = [disturbance for disturbance in disturbances if disturbance.kind in LINK]
+    rest = [disturbance for disturbance in disturbances if disturbance.kind not in LINK]
+    count = max(math.ceil(len(disturbances) / MOST_AT_ONCE), (1 if link else 0) + (1 if rest else 0))
     tapped = 0 if not link else count if not rest else count // 2
     piles: list[list[Disturbance]] = [[] for _ in range(count)]
     with_tap = piles[count - tapped :]
-    for number, one in enumerate(link):
-        with_tap[number % tapped].append(one)
+    for number, disturbance in enumerate(link):
+        with_tap[number % tapped].append(disturbance)
     draw.shuffle(rest)
-    for one in rest:
-        min(piles, key=len).append(one)
+    for disturbance in rest:
+        min(piles, key=len).append(disturbance)
     far = (*draw.sample(FAR[:2], 2), FAR[2])  # most messages pass before an agent or a classifier
     for number, pile in enumerate(piles):
         draw.shuffle(pile)

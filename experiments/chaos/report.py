@@ -16,7 +16,7 @@ from experiments.chaos.plan import KINDS, SERVICES, Disturbance, Plan
 from services.cell.traffic import percentile
 from services.rules.results import Digests
 
-WORKERS = ("task", "sim", "classifier", "agent")
+LOOP_SERVICES = ("task", "sim", "classifier", "agent")
 TARGET_S = 2.0
 """Learning shall go on within this after a worker's process was started again, in the median."""
 NONE = "-"
@@ -24,8 +24,12 @@ NONE = "-"
 
 def well(plan: Plan, runs: Sequence[RunReport]) -> bool:
     """Return whether all was done, all was got over, and every run ended as the undisturbed one."""
-    done = [one for run in runs for one in run.done]
-    return all(run.good for run in runs) and len(done) == len(plan.disturbances) and all(one.recovered for one in done)
+    done = [result for run in runs for result in run.done]
+    return (
+        all(run.good for run in runs)
+        and len(done) == len(plan.disturbances)
+        and all(result.recovered for result in done)
+    )
 
 
 def label(planned: Disturbance) -> str:
@@ -35,13 +39,13 @@ def label(planned: Disturbance) -> str:
 
 def table(runs: Sequence[RunReport]) -> Table:
     """Return the table of a campaign."""
-    made = Table(title=f"{len(runs)} runs, {sum(run.decisions for run in runs)} decisions")
+    summary = Table(title=f"{len(runs)} runs, {sum(run.decisions for run in runs)} decisions")
     for heading in ("disturbance", "count", "recoveries", "no learning for [s]\nmedian, p99"):
-        made.add_column(heading, justify="right" if made.columns else "left")
+        summary.add_column(heading, justify="right" if summary.columns else "left")
     for heading in ("after restart [s]\nmedian, p99", "lost\nsteps", "digests\nequal"):
-        made.add_column(heading, justify="right")
+        summary.add_column(heading, justify="right")
     for name, figures in rows(runs).items():
-        made.add_row(
+        summary.add_row(
             name,
             str(figures["count"]),
             str(figures["recoveries"]),
@@ -50,19 +54,19 @@ def table(runs: Sequence[RunReport]) -> Table:
             str(figures["lost_steps"]) if figures["compared"] else "?",
             "yes" if figures["equal"] else "DIFFERS" if figures["compared"] else "?",
         )
-    return made
+    return summary
 
 
 def rows(runs: Sequence[RunReport]) -> dict[str, dict[str, Value]]:
     """Return the figures of each row, in the order of the table, the last one of all together."""
     names = [f"SIGKILL of {name}" for name in SERVICES] + [KINDS[kind] for kind in KINDS if kind != "kill"]
-    found: dict[str, dict[str, Value]] = {}
+    figures: dict[str, dict[str, Value]] = {}
     for name in names:
-        chosen = [(run, [one for one in run.done if label(one.planned) == name]) for run in runs]
+        chosen = [(run, [result for result in run.done if label(result.planned) == name]) for run in runs]
         chosen = [(run, done) for run, done in chosen if done]
         if chosen:
-            found[name] = _figures(chosen)
-    return {**found, "all": _figures([(run, run.done) for run in runs])}
+            figures[name] = _figures(chosen)
+    return {**figures, "all": _figures([(run, run.done) for run in runs])}
 
 
 def lines(plan: Plan, runs: Sequence[RunReport], skipped: Mapping[str, str]) -> list[str]:
@@ -76,9 +80,9 @@ def lines(plan: Plan, runs: Sequence[RunReport], skipped: Mapping[str, str]) -> 
             f"after a worker's process was started again, learning went on within {middle:.2f} s (median), "
             f"{late:.2f} s (p99); target {TARGET_S:g} s (median): {kept}"
         )
-    kills = sum(len(one.planned.killed) for run in runs for one in run.done)
+    kills = sum(len(result.planned.killed) for run in runs for result in run.done)
     said.append(f"{kills} of {plan.kills} kills, seed {plan.seed}")
-    tapped = _tapped(runs)
+    tapped = _tap_counts(runs)
     if tapped:
         said.append("through the tap: " + ", ".join(f"{count} {name}" for name, count in tapped.items()))
     said += [f"skipped: {KINDS[kind]} ({why})" for kind, why in skipped.items()]
@@ -118,32 +122,34 @@ def _run(run: RunReport) -> dict[str, Value]:
         "good": run.good,
         "error": run.error or "",
         "lost_steps": -1 if verdict is None else verdict.lost_steps,
-        "digests": _named(run.digests),
-        "expected": _named(run.expected),
+        "digests": _in_words(run.digests),
+        "expected": _in_words(run.expected),
         "tapped": dict(run.tapped),
         "ended_by_themselves": list(run.surprises),
-        "disturbances": [{**asdict(one.planned), "recovered": one.recovered, **_known(one)} for one in run.done],
+        "disturbances": [
+            {**asdict(result.planned), "recovered": result.recovered, **_durations(result)} for result in run.done
+        ],
     }
 
 
-def _named(digests: Digests | None) -> dict[str, str]:
+def _in_words(digests: Digests | None) -> dict[str, str]:
     return {} if digests is None else {name: str(digest) for name, digest in digests.items()}
 
 
-def _known(done: Done) -> dict[str, float]:
+def _durations(done: Done) -> dict[str, float]:
     times = {"pause_s": done.pause_s, "restart_s": done.restart_s}
     return {name: round(value, 4) for name, value in times.items() if value is not None}
 
 
 def _figures(chosen: Sequence[tuple[RunReport, Sequence[Done]]]) -> dict[str, Value]:
-    done = [one for _, some in chosen for one in some]
+    done = [result for _, some in chosen for result in some]
     verdicts = [run.verdict for run, _ in chosen]
     compared = [verdict for verdict in verdicts if verdict is not None]
     return {
         "count": len(done),
-        "recoveries": sum(one.recovered for one in done),
-        "pause_s": _spread([one.pause_s for one in done if one.pause_s is not None]),
-        "restart_s": _spread([one.restart_s for one in done if one.restart_s is not None]),
+        "recoveries": sum(result.recovered for result in done),
+        "pause_s": _spread([result.pause_s for result in done if result.pause_s is not None]),
+        "restart_s": _spread([result.restart_s for result in done if result.restart_s is not None]),
         "compared": bool(compared),
         "lost_steps": sum(verdict.lost_steps for verdict in compared),
         "equal": len(compared) == len(verdicts) > 0 and all(verdict.equal for verdict in compared),
@@ -151,11 +157,15 @@ def _figures(chosen: Sequence[tuple[RunReport, Sequence[Done]]]) -> dict[str, Va
 
 
 def _worker_restarts(runs: Sequence[RunReport]) -> list[float]:
-    done = [one for run in runs for one in run.done if one.planned.kind == "kill"]
-    return [one.restart_s for one in done if one.planned.victims[0] in WORKERS and one.restart_s is not None]
+    done = [result for run in runs for result in run.done if result.planned.kind == "kill"]
+    return [
+        result.restart_s
+        for result in done
+        if result.planned.victims[0] in LOOP_SERVICES and result.restart_s is not None
+    ]
 
 
-def _tapped(runs: Sequence[RunReport]) -> dict[str, int]:
+def _tap_counts(runs: Sequence[RunReport]) -> dict[str, int]:
     total: Counter[str] = Counter()
     for run in runs:
         total.update(run.tapped)

@@ -151,9 +151,9 @@ class Side:
 
     def declare(self, key: str, alive: bool) -> None:
         """Declare a token of the other side here, or take it back."""
-        known = self._tokens.pop(key, None)
-        if known is not None:
-            known.undeclare()  # type: ignore[no-untyped-call]
+        token = self._tokens.pop(key, None)
+        if token is not None:
+            token.undeclare()  # type: ignore[no-untyped-call]
         if alive:
             self._tokens[key] = self.session.liveliness().declare_token(key)
 
@@ -184,10 +184,10 @@ def connect(near: Side, far: Side, service: str) -> None:
 
 def _obey(line: Line) -> None:
     """Do what standard input says until it ends."""
-    known = {field.name for field in fields(Faults)}
+    fault_names = {field.name for field in fields(Faults)}
     for text in sys.stdin:
         told = json.loads(text)
-        line.faults = Faults(**{name: float(told[name]) for name in known & set(told)})
+        line.faults = Faults(**{name: float(told[name]) for name in fault_names & set(told)})
         print(json.dumps(line.counts), flush=True)
     line.stopping = True
     line.post(lambda: None)

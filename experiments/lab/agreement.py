@@ -8,27 +8,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 
-def contingency(found: Sequence[int], true: Sequence[int]) -> NDArray[np.int64]:
+def contingency(labels: Sequence[int], true: Sequence[int]) -> NDArray[np.int64]:
     """Return how many things have each pair of labels, shape (labels found, true labels), labels in ascending order.
 
     Raises ValueError for labellings of different lengths, or of nothing.
     """
-    if len(found) != len(true) or not len(found):
-        raise ValueError(f"labels: expected as many of both, at least one, got {len(found)} and {len(true)}")
-    rows, row_of = np.unique(np.asarray(found), return_inverse=True)
+    if len(labels) != len(true) or not len(labels):
+        raise ValueError(f"labels: expected as many of both, at least one, got {len(labels)} and {len(true)}")
+    rows, row_of = np.unique(np.asarray(labels), return_inverse=True)
     columns, column_of = np.unique(np.asarray(true), return_inverse=True)
     table = np.zeros((len(rows), len(columns)), dtype=np.int64)
     np.add.at(table, (row_of, column_of), 1)
     return table
 
 
-def adjusted_rand_index(found: Sequence[int], true: Sequence[int]) -> float:
+def adjusted_rand_index(labels: Sequence[int], true: Sequence[int]) -> float:
     """Return the adjusted Rand index (Hubert and Arabie, 1985): 1 for equal partitions, about 0 for chance.
 
     Two partitions that are both a single group, or both all singles, are equal and give 1. Raises like
     ``contingency``.
     """
-    table = contingency(found, true)
+    table = contingency(labels, true)
     together = _pairs(table)
     of_found, of_true = _pairs(table.sum(axis=1)), _pairs(table.sum(axis=0))
     everything = _pairs(np.array([table.sum()]))
@@ -38,12 +38,12 @@ def adjusted_rand_index(found: Sequence[int], true: Sequence[int]) -> float:
     return (together - chance) / ((of_found + of_true) / 2 - chance)
 
 
-def purity(found: Sequence[int], true: Sequence[int]) -> float:
+def purity(labels: Sequence[int], true: Sequence[int]) -> float:
     """Return the fraction of things that have the commonest true label of their group, in (0, 1].
 
     It can only rise as groups are split, so it means something only beside their number. Raises like ``contingency``.
     """
-    table = contingency(found, true)
+    table = contingency(labels, true)
     return float(table.max(axis=1).sum() / table.sum())
 
 

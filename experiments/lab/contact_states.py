@@ -123,9 +123,9 @@ def _score_of_run(settings: Art2Settings, samples: Sequence[Sample]) -> tuple[fl
     art2 = Art2(settings)
     probes = [samples[number * len(samples) // PROBES] for number in range(PROBES)]
     looks = {len(samples) - 1 - look * (len(samples) // 2) // LOOKS for look in range(LOOKS + 1)}
-    found, seen, changes = [], list[int](), 0
+    classes, seen, changes = [], list[int](), 0
     for number, sample in enumerate(samples):
-        found.append(art2.learn(sample.force_n, sample.torque_nm).state)
+        classes.append(art2.learn(sample.force_n, sample.torque_nm).state)
         if number in looks:
             now = [art2.classify(probe.force_n, probe.torque_nm).state for probe in probes]
             changes += sum(a != b for a, b in zip(seen, now, strict=False))
@@ -133,12 +133,12 @@ def _score_of_run(settings: Art2Settings, samples: Sequence[Sample]) -> tuple[fl
     names = sorted({sample.truth for sample in samples})
     truth = [names.index(sample.truth) for sample in samples]
     moved = 100.0 * changes / (PROBES * max(1, len(looks) - 1))
-    return float(art2.states), adjusted_rand_index(found, truth), purity(found, truth), moved
+    return float(art2.states), adjusted_rand_index(classes, truth), purity(classes, truth), moved
 
 
 def one_at_a_time(scores: Sequence[Score], base: Score) -> list[Score]:
     """Return the scores that differ from ``base`` in one setting at most."""
-    return [one for one in scores if sum(a != b for a, b in zip(one.settings, base.settings, strict=True)) <= 1]
+    return [score for score in scores if sum(a != b for a, b in zip(score.settings, base.settings, strict=True)) <= 1]
 
 
 def main(words: Sequence[str] | None = None) -> int:
@@ -165,27 +165,29 @@ def _act(arguments: argparse.Namespace) -> int:
     free = sum(sample.truth == FREE for run in runs for sample in run)
     if arguments.json:
         told = {"samples": counts, "true_states": truths, "unlabelled": free, "base": base._asdict()}
-        print(json.dumps({**told, "scores": [one._asdict() for one in scores]}, indent=2))
+        print(json.dumps({**told, "scores": [each._asdict() for each in scores]}, indent=2))
         return 0
     shown = console()
     shown.print(f"{definition.name}: samples by run {counts}, {truths} true contact states")
     shown.print(table("The definition's settings, and one of them changed", [base, *one_at_a_time(scores, base)]))
-    best = sorted(scores, key=lambda one: -one.ari)
+    best = sorted(scores, key=lambda each: -each.ari)
     shown.print(table("Best adjusted Rand index", best[: arguments.rows]))
     return 0
 
 
 def table(title: str, scores: Sequence[Score]) -> Table:
     """Return scores as a table."""
-    made = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
-    made.pad_edge, made.collapse_padding = False, True  # so that it fits 80 columns
+    rows = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    rows.pad_edge, rows.collapse_padding = False, True  # so that it fits 80 columns
     for column in ("rho", "theta", "encoding", "rate", "gain", "classes", "ARI", "+-", "purity", "changes"):
-        made.add_column(column, justify="right")
-    for one in scores:
-        settings = (f"{one.rho:.2f}", f"{one.theta:.2f}", one.encoding, f"{one.learning_rate:g}")
-        agreement = (f"{one.ari:.3f}", f"{one.ari_spread:.3f}", f"{one.purity:.3f}")
-        made.add_row(*settings, f"{one.torque_gain_per_m:g}", f"{one.classes:.1f}", *agreement, f"{one.changes:.1f} %")
-    return made
+        rows.add_column(column, justify="right")
+    for score in scores:
+        settings = (f"{score.rho:.2f}", f"{score.theta:.2f}", score.encoding, f"{score.learning_rate:g}")
+        agreement = (f"{score.ari:.3f}", f"{score.ari_spread:.3f}", f"{score.purity:.3f}")
+        rows.add_row(
+            *settings, f"{score.torque_gain_per_m:g}", f"{score.classes:.1f}", *agreement, f"{score.changes:.1f} %"
+        )
+    return rows
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -84,9 +84,9 @@ def moving_average(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def thesis(experiment: str, reported: str) -> float | None:
     """Return what the thesis says of a shipped experiment once it is steady, None where it says nothing of our task."""
-    for one in REPORTED:
-        if one.name == experiment and not one.apart:
-            said: Said | None = getattr(one, reported)
+    for figures in REPORTED:
+        if figures.name == experiment and not figures.apart:
+            said: Said | None = getattr(figures, reported)
             return None if said is None else said.value
     return None
 

@@ -97,7 +97,7 @@ def spread(
         try:
             with _interrupt_blocked(), safe_path():
                 for index, key in enumerate(keys):
-                    pending[_submitted(pool, work, index, key)] = index
+                    pending[_submit(pool, work, index, key)] = index
             processes = _children_beside(others)
             while pending:
                 done, _ = wait(pending, POLL_S, FIRST_COMPLETED)
@@ -123,12 +123,12 @@ def spread(
         except BrokenProcessPool:
             _end(pool, processes)
             broken = [index for future, index in pending.items() if future.exception() is not None]
-            raise _died(processes, {name(keys[n]): owners[n] for n in broken if counts[n] != _NOT_BEGUN}) from None
+            raise _death(processes, {name(keys[n]): owners[n] for n in broken if counts[n] != _NOT_BEGUN}) from None
         finally:
             _end(pool, processes or _children_beside(others))
 
 
-def _submitted(pool: ProcessPoolExecutor, *what: Any) -> Future[Any]:
+def _submit(pool: ProcessPoolExecutor, *what: Any) -> Future[Any]:
     """Give a piece to the pool, which starts its processes meanwhile. Raises PieceError."""
     try:
         return pool.submit(_do, *what)
@@ -140,7 +140,7 @@ def _children_beside(others: set[BaseProcess]) -> list[BaseProcess]:
     return [child for child in multiprocessing.active_children() if child not in others]
 
 
-def _died(processes: Sequence[BaseProcess], under_way: dict[str, int]) -> PieceError:
+def _death(processes: Sequence[BaseProcess], under_way: dict[str, int]) -> PieceError:
     """Return the error that names the piece whose process ended by itself, and how; the pool has ended the others."""
     alone = [process for process in processes if process.exitcode != -signal.SIGTERM] or processes
     pids = [process.pid for process in alone]

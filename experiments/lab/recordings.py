@@ -93,12 +93,12 @@ class Supervisor:
         """Return the moves that would bring the peg closer to its course, by more than half a step off it."""
         turn = rotation_vector(flange.orientation)
         now = (flange.x_mm, flange.y_mm, math.degrees(turn[0]), math.degrees(turn[1]))
-        found = []
+        candidates = []
         for axis, (value, aim, step) in enumerate(zip(now, self._aim, self._steps, strict=True)):
             if abs(value - aim) > step / 2:
                 forwards = 2 * axis if axis < 2 else 2 * axis + 1  # +Z stands between shifts and turns
-                found.append(forwards if value < aim else forwards + 1)
-        return [action for action in found if action < self._actions]
+                candidates.append(forwards if value < aim else forwards + 1)
+        return [action for action in candidates if action < self._actions]
 
 
 def record(definition: Definition, seed: int, vectors: int) -> list[Supervised]:

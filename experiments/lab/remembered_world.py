@@ -20,11 +20,11 @@ MOST_REMEMBERED = 300_000
 
 
 @dataclass(slots=True)
-class _Known:
+class _Place:
     """A reading, and what followed it."""
 
     reading: Reading
-    following: dict[Increment, _Known] = field(default_factory=dict)
+    following: dict[Increment, _Place] = field(default_factory=dict)
 
 
 class RememberedWorld(World):
@@ -35,7 +35,7 @@ class RememberedWorld(World):
         super().__init__(definition)
         noise = definition.noise
         self._repeats = noise.scale * max(noise.along_mm, noise.across_mm, noise.turn_deg) == 0.0
-        self._homes: dict[Pose, _Known] = {}
+        self._homes: dict[Pose, _Place] = {}
         self._remembered = 0
         self._made: list[Increment] = []
         self._behind = False
@@ -52,7 +52,7 @@ class RememberedWorld(World):
         self._made.clear()
         self._behind = pose in self._homes
         if not self._behind:
-            self._homes[pose] = _Known(super().home(pose))
+            self._homes[pose] = _Place(super().home(pose))
         self._here = self._homes[pose]
         return self._here.reading
 
@@ -60,14 +60,14 @@ class RememberedWorld(World):
         """Make one motion; see ``World.move``."""
         if not self._repeats:
             return super().move(increment)
-        known = self._here.following.get(increment) if self._behind else None
-        if known is None:
+        place = self._here.following.get(increment) if self._behind else None
+        if place is None:
             self._catch_up()
-            known = self._here.following.setdefault(increment, _Known(super().move(increment)))
+            place = self._here.following.setdefault(increment, _Place(super().move(increment)))
             self._remembered += 1
         self._made.append(increment)
-        self._here = known
-        return known.reading
+        self._here = place
+        return place.reading
 
     def contact_state(self) -> str:
         """Return the true contact state; see ``World.contact_state``."""

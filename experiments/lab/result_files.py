@@ -88,10 +88,10 @@ def prepare(folder: Path, definition_sha256: str, force: bool = False) -> None:
         raise ResultsError(f"{folder}: cannot hold results: {error.strerror}") from error
     if before is None or force:
         return
-    found = _hash_in(before)
-    if found != definition_sha256:
+    hash_before = _hash_in(before)
+    if hash_before != definition_sha256:
         raise ResultsError(
-            f"{path}: expected results of definition {definition_sha256[:8]}, got {found[:8] or 'no hash'};"
+            f"{path}: expected results of definition {definition_sha256[:8]}, got {hash_before[:8] or 'no hash'};"
             " choose another --out, or --force to replace them"
         )
 
@@ -167,7 +167,7 @@ def read_episodes(path: Path) -> EpisodeTable:
         reason = error.strerror if isinstance(error, OSError) else error
         raise ResultsError(f"{path}: cannot be read: {reason}") from error
     head = list(itertools.takewhile(lambda line: line.startswith("#"), lines))
-    told = dict(line.removeprefix("# ").split(": ", 1) for line in head if ": " in line) or _told_beside(path)
+    told = dict(line.removeprefix("# ").split(": ", 1) for line in head if ": " in line) or _summary_beside(path)
     for key in ("experiment", "definition_sha256"):
         if not isinstance(told.get(key), str):
             where = "a comment at the top" if head else f"{SUMMARY} beside it"
@@ -209,7 +209,7 @@ def _hash_in(summary: bytes) -> str:
     return sha256 if isinstance(sha256, str) else ""
 
 
-def _told_beside(episodes: Path) -> dict[str, Any]:
+def _summary_beside(episodes: Path) -> dict[str, Any]:
     """Return what the ``summary.json`` beside an ``episodes.csv`` says; nothing when there is none."""
     try:
         return _content(episodes.with_name(SUMMARY).read_bytes())
@@ -230,7 +230,7 @@ def _toml_value(value: object) -> str:
         # TOML's basic strings are JSON's, save that DEL has to be escaped as well.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, dict):  # the settings of a plug-in
-        return "{ " + ", ".join(f"{json.dumps(key)} = {_toml_value(one)}" for key, one in value.items()) + " }"
+        return "{ " + ", ".join(f"{json.dumps(key)} = {_toml_value(item)}" for key, item in value.items()) + " }"
     if isinstance(value, bool):
         return "true" if value else "false"
     if not isinstance(value, (int, float)):

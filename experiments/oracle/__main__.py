@@ -56,7 +56,7 @@ Entry = TypedDict(
 """One insertion; ``actions`` are its decisions in order."""
 
 
-class Found(TypedDict):
+class Result(TypedDict):
     """The content of ``oracle.json``."""
 
     experiment: str
@@ -90,24 +90,24 @@ def _act(arguments: argparse.Namespace) -> int:
         front = search(definition, effort, advanced)
     if not front:
         raise TreenailError(f"{definition.name}: no insertion found with {effort}")
-    found: Found = {
+    result: Result = {
         "experiment": definition.name,
         "definition_sha256": sha256,
         "effort": effort._asdict(),
         "front": [entry(attempt) for attempt in front],
     }
     if arguments.out:
-        _write(arguments.out / FILE, found)
+        _write(arguments.out / FILE, result)
     if arguments.json:
-        print(json.dumps({**found, "learnt": gaps(found["front"], learnt)}, indent=2))
+        print(json.dumps({**result, "learnt": gaps(result["front"], learnt)}, indent=2))
         return 0
     shown = console()
-    shown.print(front_table(found))
-    shown.print(limits_table(found["front"]))
+    shown.print(front_table(result))
+    shown.print(limits_table(result["front"]))
     if learnt:
-        shown.print(gap_table(found["front"], learnt))
-    for index, one in enumerate(found["front"], start=1):
-        shown.print(f"{index}: {short(one['actions'])}")
+        shown.print(gap_table(result["front"], learnt))
+    for index, solution in enumerate(result["front"], start=1):
+        shown.print(f"{index}: {short(solution['actions'])}")
     return 0
 
 
@@ -126,13 +126,13 @@ def entry(attempt: Attempt) -> Entry:
 
 def best_within(front: Sequence[Entry], force_n: float) -> Entry | None:
     """Return the entry of the best return whose mean force is at most so much [N], None without one."""
-    return next((one for one in front if one["mean_force_n"] <= force_n), None)
+    return next((entry for entry in front if entry["mean_force_n"] <= force_n), None)
 
 
 def least_force(front: Sequence[Entry], episode_return: float) -> Entry | None:
     """Return the entry of the least mean force whose return is at least so good, None without one."""
-    good = [one for one in front if one["return"] >= episode_return]
-    return min(good, key=lambda one: one["mean_force_n"], default=None)
+    good = [entry for entry in front if entry["return"] >= episode_return]
+    return min(good, key=lambda entry: entry["mean_force_n"], default=None)
 
 
 def short(actions: Sequence[str]) -> str:
@@ -164,68 +164,68 @@ def learnt_in(folder: Path, definition: Definition) -> list[Learnt]:
 
 def gaps(front: Sequence[Entry], learnt: Sequence[Learnt]) -> list[dict[str, str | float | None]]:
     """Hold every row of what was learnt against the front: best return at its force, least force at its return."""
-    found: list[dict[str, str | float | None]] = []
+    rows: list[dict[str, str | float | None]] = []
     for row in learnt:
         within, least = best_within(front, row.mean_force_n), least_force(front, row.episode_return)
-        found.append(
+        rows.append(
             {
                 **row._asdict(),
                 "oracle_return_at_this_force": within["return"] if within else None,
                 "oracle_force_n_at_this_return": least["mean_force_n"] if least else None,
             }
         )
-    return found
+    return rows
 
 
-def front_table(found: Found) -> Table:
+def front_table(result: Result) -> Table:
     """Return the front as a table."""
-    made = _table(f"{found['experiment']}: least mean force found for each return", "")
+    table = _table(f"{result['experiment']}: least mean force found for each return", "")
     for column in ("", "return", "mean force [N]", "peak [N]", "moves", "decisions"):
-        made.add_column(column, justify="right")
-    for index, one in enumerate(found["front"], start=1):
-        made.add_row(str(index), *_cells(one))
-    return made
+        table.add_column(column, justify="right")
+    for index, entry in enumerate(result["front"], start=1):
+        table.add_row(str(index), *_cells(entry))
+    return table
 
 
 def limits_table(front: Sequence[Entry]) -> Table:
     """Return the best insertion below each limit of mean force as a table."""
-    made = _table("Best return by mean force", "")
+    table = _table("Best return by mean force", "")
     for column in ("mean force", "return", "mean force [N]", "peak [N]", "moves", "decisions"):
-        made.add_column(column, justify="right")
-    made.add_row("any", *_cells(front[0]))
+        table.add_column(column, justify="right")
+    table.add_row("any", *_cells(front[0]))
     for force_n in reversed(FORCES_N):
-        one = best_within(front, force_n)
-        made.add_row(f"<= {force_n:g} N", *(_cells(one) if one else ["none found"]))
-    return made
+        entry = best_within(front, force_n)
+        table.add_row(f"<= {force_n:g} N", *(_cells(entry) if entry else ["none found"]))
+    return table
 
 
 def gap_table(front: Sequence[Entry], learnt: Sequence[Learnt]) -> Table:
     """Return what was learnt beside what the oracle found as a table."""
-    made = _table("Learnt, and what the oracle found", "learnt: means of the last quarter of all episodes")
+    table = _table("Learnt, and what the oracle found", "learnt: means of the last quarter of all episodes")
     for column in ("seed", "return", "oracle at this force", "force [N]", "oracle at this return [N]"):
-        made.add_column(column, justify="right")
+        table.add_column(column, justify="right")
     for row in gaps(front, learnt):
         cells = [row["episode_return"], row["oracle_return_at_this_force"]]
         forces = [row["mean_force_n"], row["oracle_force_n_at_this_return"]]
         texts = ["-" if value is None else f"{value:.1f}" for value in cells]
-        made.add_row(str(row["seed"]), *texts, *("-" if value is None else f"{value:.3f}" for value in forces))
-    return made
+        table.add_row(str(row["seed"]), *texts, *("-" if value is None else f"{value:.3f}" for value in forces))
+    return table
 
 
 def _table(title: str, caption: str) -> Table:
-    made = Table(title=title, title_justify="left", caption=caption, caption_justify="left", box=box.SIMPLE_HEAD)
-    made.pad_edge = False
-    return made
+    table = Table(title=title, title_justify="left", caption=caption, caption_justify="left", box=box.SIMPLE_HEAD)
+    table.pad_edge = False
+    return table
 
 
-def _cells(one: Entry) -> list[str]:
-    numbers = [f"{one['return']:.1f}", f"{one['mean_force_n']:.3f}", f"{one['peak_force_n']:.2f}"]
-    return [*numbers, str(one["moves"]), str(one["decisions"])]
+def _cells(entry: Entry) -> list[str]:
+    numbers = [f"{entry['return']:.1f}", f"{entry['mean_force_n']:.3f}", f"{entry['peak_force_n']:.2f}"]
+    return [*numbers, str(entry["moves"]), str(entry["decisions"])]
 
 
-def _write(path: Path, found: Found) -> None:
+def _write(path: Path, result: Result) -> None:
     try:
-        path.write_text(json.dumps(found, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        path.write_text(json.dumps(result, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     except OSError as error:
         raise TreenailError(f"{path}: cannot be written: {error.strerror}") from error
 

@@ -110,12 +110,12 @@ class _Node:
         return self.cost + self.to_go[aim] + AIMS[aim].price * self.force_sum_n
 
     def motions(self) -> tuple[int, ...]:
-        found: list[int] = []
+        backwards: list[int] = []
         node = self
         while node.before is not None:
-            found.append(node.motion)
+            backwards.append(node.motion)
             node = node.before
-        return tuple(reversed(found))
+        return tuple(reversed(backwards))
 
 
 class _Beam:
@@ -191,11 +191,11 @@ class _Beam:
         price = -(reward.step if isinstance(reward, InsertionReward) else reward.otherwise)
         stiffness = self._definition.wrist.stiffness_n_per_mm
         ways = corridor_moves(geometry_of(self._definition.parts), flange, self._success_mm, self._definition)
-        found = []
+        least = []
         for aim in AIMS:
             lean_mm = aim.lean_n / stiffness
-            found.append(price * min(turns + max(0.0, overlap - lean_mm) * per_mm for turns, overlap, per_mm in ways))
-        return tuple(found)
+            least.append(price * min(turns + max(0.0, overlap - lean_mm) * per_mm for turns, overlap, per_mm in ways))
+        return tuple(least)
 
     def _finish(self, node: _Node) -> None:
         for aim, finished in enumerate(self._finished):
@@ -255,16 +255,16 @@ class Front:
         """Take an attempt if it is an insertion that belongs here; drop what it makes superfluous."""
         if attempt is None or attempt.summary.outcome != "inserted":
             return False
-        if any(_covers(known, attempt) for known in self.attempts):
+        if any(_covers(other, attempt) for other in self.attempts):
             return False
-        self.attempts = [known for known in self.attempts if not _covers(attempt, known)] + [attempt]
-        self.attempts.sort(key=lambda known: -known.summary.episode_return)
+        self.attempts = [other for other in self.attempts if not _covers(attempt, other)] + [attempt]
+        self.attempts.sort(key=lambda other: -other.summary.episode_return)
         return True
 
 
-def _covers(one: Attempt, other: Attempt) -> bool:
-    better_return = one.summary.episode_return >= other.summary.episode_return
-    return better_return and one.summary.mean_force_n <= other.summary.mean_force_n
+def _covers(attempt: Attempt, other: Attempt) -> bool:
+    better_return = attempt.summary.episode_return >= other.summary.episode_return
+    return better_return and attempt.summary.mean_force_n <= other.summary.mean_force_n
 
 
 def search(definition: Definition, effort: Effort, advanced: Advanced) -> list[Attempt]:

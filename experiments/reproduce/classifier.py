@@ -38,7 +38,7 @@ def chapter(context: Context) -> Chapter:
     # First, so that a damaged file is told before minutes of work.
     from_robot = real(context, rhos, QUICK_PARTS * QUICK_PART_VECTORS if context.quick else THESIS_VECTORS)
     recorded = recordings(context)
-    sources = [Source.of([one.samples for one in recording]) for recording in recorded]
+    sources = [Source.of([execution.samples for execution in recording]) for recording in recorded]
     runs = _runs(context, sources, rhos)
     presentations = sum(map(len, sources[0].groups))
     return Chapter(
@@ -71,8 +71,8 @@ def _recorded(recorded: Sequence[Sequence[Supervised]], quick: bool) -> tuple[Bl
     less = f" This quick run has one recording, of {QUICK_PARTS * QUICK_PART_VECTORS} vectors." if quick else ""
     rows = []
     for number, recording in enumerate(recorded):
-        samples = [sample for one in recording for sample in one.samples]
-        outcomes = Counter(one.outcome for one in recording)
+        samples = [sample for execution in recording for sample in execution.samples]
+        outcomes = Counter(execution.outcome for execution in recording)
         states = len({sample.truth for sample in samples})
         forces = np.percentile([float(np.linalg.norm(sample.force_n)) for sample in samples], (50, 95))
         cells = (f"{outcomes['inserted']} of {len(recording)}", str(states), f"{forces[0]:.1f} N, {forces[1]:.1f} N")

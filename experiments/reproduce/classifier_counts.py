@@ -35,7 +35,7 @@ def counts(
     context: Context, runs: Mapping[float, Sequence[Learnt]], from_robot: Real | None, source: Source
 ) -> tuple[Block, ...]:
     """Return the part of the chapter; ``source`` is the first recording."""
-    found = {rho: [run.classes for run in of] for rho, of in runs.items()}
+    classes_of = {rho: [run.classes for run in of] for rho, of in runs.items()}
     robot = {} if from_robot is None else {rho: of[0].classes for rho, of in from_robot.runs.items()}
     return (
         Heading("How many classes there are"),
@@ -43,11 +43,11 @@ def counts(
             "4.22",
             "Number of classes by vigilance: ours, median and 90 % band of the seeds; crosses are the numbers that the "
             "thesis tells, its drawing is lost. The axis is logarithmic.",
-            figures.classes(found, thesis.CLASSES, robot),
+            figures.classes(classes_of, thesis.CLASSES, robot),
         ),
-        Table("", "Number of classes by vigilance.", (RHO, "thesis", "Treenail, median", "90 %"), _rows(found)),
+        Table("", "Number of classes by vigilance.", (RHO, "thesis", "Treenail, median", "90 %"), _rows(classes_of)),
         *(() if context.quick else _noise(context, list(runs), source)),
-        Comparisons(_comparisons(found), "Number of classes; matches within a third of the thesis's number"),
+        Comparisons(_comparisons(classes_of), "Number of classes; matches within a third of the thesis's number"),
     )
 
 
@@ -64,8 +64,8 @@ def _noise(context: Context, rhos: Sequence[float], source: Source) -> tuple[Blo
     (quiet,) = context.pieces(
         "insertions, recorded without noise", [Part(0, PART_VECTORS, noisy=False)], record_part, list[Supervised]
     )
-    sources = [Source.of(first(source.groups, PART_VECTORS)), Source.of([one.samples for one in quiet])]
-    keys = [Shown(one.sha256, 0, PART_VECTORS, replace(SETTINGS, rho=rho)) for one in sources for rho in rhos]
+    sources = [Source.of(first(source.groups, PART_VECTORS)), Source.of([execution.samples for execution in quiet])]
+    keys = [Shown(shown.sha256, 0, PART_VECTORS, replace(SETTINGS, rho=rho)) for shown in sources for rho in rhos]
     done = learnt(context, "noise, classified", sources, keys)
     noisy, silent = done[: len(rhos)], done[len(rhos) :]
     rows = [(f"{rho:.2f}", str(a.classes), str(b.classes)) for rho, a, b in zip(rhos, noisy, silent, strict=True)]
@@ -75,10 +75,10 @@ def _noise(context: Context, rhos: Sequence[float], source: Source) -> tuple[Blo
 
 def first(groups: Groups, vectors: int) -> Groups:
     """Return as many groups from the beginning as hold that many vectors."""
-    found: Groups = []
-    while sum(map(len, found)) < vectors:
-        found.append(groups[len(found)])
-    return found
+    chosen: Groups = []
+    while sum(map(len, chosen)) < vectors:
+        chosen.append(groups[len(chosen)])
+    return chosen
 
 
 def _comparisons(counts: Mapping[float, Sequence[int]]) -> list[Comparison]:

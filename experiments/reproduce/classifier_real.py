@@ -69,16 +69,16 @@ def data_folder(context: Context) -> Path | None:
 def grouped(executions: Mapping[str, Sequence[Execution]]) -> Groups:
     """Return the vectors, execution by execution, without those that are all zero: they have no direction."""
     return [
-        [Sample(vector[:3], vector[3:], f"{problem} {one.label}") for vector in one.samples if any(vector)]
+        [Sample(vector[:3], vector[3:], f"{problem} {execution.label}") for vector in execution.samples if any(vector)]
         for problem, of in executions.items()
-        for one in of
+        for execution in of
     ]
 
 
-def blocks(found: Real | None) -> tuple[Block, ...]:
+def blocks(real: Real | None) -> tuple[Block, ...]:
     """Return the part of the chapter."""
     heading = Heading("Recordings of a real robot")
-    if found is None:
+    if real is None:
         missing = (
             "Not computed: no data set was given. With the files "
             f"{', '.join(f'{name}.data' for name in FAILURES)} of UCI's “Robot Execution Failures” in a folder, "
@@ -87,10 +87,10 @@ def blocks(found: Real | None) -> tuple[Block, ...]:
         return (heading, Text(missing))
     return (
         heading,
-        Text(_what(found)),
-        Table("", "The data set's vectors: classes by vigilance.", _HEAD, _rows(found)),
-        Comparisons(_comparisons(found), "The thesis's recordings and those of another real robot"),
-        Text(_labels(found)),
+        Text(_what(real)),
+        Table("", "The data set's vectors: classes by vigilance.", _HEAD, _rows(real)),
+        Comparisons(_comparisons(real), "The thesis's recordings and those of another real robot"),
+        Text(_labels(real)),
     )
 
 
@@ -98,9 +98,9 @@ _KEPT = "\N{NO-BREAK SPACE}"
 _HEAD = (RHO, "classes", "five probes keep their classes from", "ARI with the labels", "purity")
 
 
-def _what(found: Real) -> str:
-    counts = ", ".join(f"{len(of)} of {name.upper()} ({PROBLEMS[name]})" for name, of in found.executions.items())
-    vectors = [vector for of in found.executions.values() for one in of for vector in one.samples]
+def _what(real: Real) -> str:
+    counts = ", ".join(f"{len(of)} of {name.upper()} ({PROBLEMS[name]})" for name, of in real.executions.items())
+    vectors = [vector for of in real.executions.values() for execution in of for vector in execution.samples]
     zeros = sum(not any(vector) for vector in vectors)
     without = f" but {zeros} that are all zero" if zeros else ""
     rest = ", ".join(
@@ -112,20 +112,23 @@ def _what(found: Real) -> str:
         f"{counts}. The six columns are {', '.join(COLUMNS[:3])} (forces) and {', '.join(COLUMNS[3:])} (torques), "
         "whole numbers. The description of the data set names no units, so the network is shown the bare numbers, "
         f"torques with gain 1. The load at rest is in them (medians: {rest}). All {len(vectors)} vectors{without} "
-        f"are shown, execution by execution, and again in another order until there are {found.presentations} "
+        f"are shown, execution by execution, and again in another order until there are {real.presentations} "
         "presentations. It is another robot at another task: its numbers of classes need not be the thesis's, but "
         "they may grow alike."
     )
 
 
-def _rows(found: Real) -> list[tuple[str, ...]]:
-    when = looked_at(found.presentations)
+def _rows(real: Real) -> list[tuple[str, ...]]:
+    when = looked_at(real.presentations)
     rows = []
-    for rho, runs in found.runs.items():
+    for rho, runs in real.runs.items():
         classes = interval([run.classes for run in runs])
         settled = interval([settled_at(when, run.looks) for run in runs])
         ari, pure = np.mean([(run.ari, run.purity) for run in runs], axis=0)
-        shown = (f"{one.median:g} ({one.low:g} to {one.high:g})".replace(" ", _KEPT) for one in (classes, settled))
+        shown = (
+            f"{figure.median:g} ({figure.low:g} to {figure.high:g})".replace(" ", _KEPT)
+            for figure in (classes, settled)
+        )
         rows.append((f"{rho:.2f}", *shown, f"{ari:.2f}", f"{pure:.2f}"))
     return rows
 
@@ -135,12 +138,12 @@ def growth(classes: Mapping[float, float]) -> float:
     return classes[max(classes)] / classes[min(classes)]
 
 
-def _comparisons(found: Real) -> list[Comparison]:
-    when = looked_at(found.presentations)
-    seeds = range(len(found.runs[0.95]))
+def _comparisons(real: Real) -> list[Comparison]:
+    when = looked_at(real.presentations)
+    seeds = range(len(real.runs[0.95]))
     times = growth(thesis.CLASSES)
-    grown = [growth({rho: float(runs[seed].classes) for rho, runs in found.runs.items()}) for seed in seeds]
-    settled = [float(settled_at(when, run.looks)) for run in found.runs[0.95]]
+    grown = [growth({rho: float(runs[seed].classes) for rho, runs in real.runs.items()}) for seed in seeds]
+    settled = [float(settled_at(when, run.looks)) for run in real.runs[0.95]]
     return [
         Comparison(
             f"Real recordings: how many times more classes at {RHO} = 0.99 than at 0.90",
@@ -161,8 +164,8 @@ def _comparisons(found: Real) -> list[Comparison]:
     ]
 
 
-def _labels(found: Real) -> str:
-    best = max(float(np.mean([run.ari for run in runs])) for runs in found.runs.values())
+def _labels(real: Real) -> str:
+    best = max(float(np.mean([run.ari for run in runs])) for runs in real.runs.values())
     return (
         f"With the labels of the executions the classes have little to do (adjusted Rand index at most {best:.2f}): "
         "a label says what had gone wrong over 315 ms, a class what is felt at one moment of it."

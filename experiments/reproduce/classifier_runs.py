@@ -154,15 +154,15 @@ def part_of(truth: str, part: int) -> str:
 
 def in_order(groups: Sequence[Sequence[Sample]], order: int, presentations: int) -> list[Sample]:
     """Return so many vectors in the order in which they are shown; see ``Shown``."""
-    found: list[Sample] = []
+    samples: list[Sample] = []
     for again in range(presentations):
-        if len(found) >= presentations:
+        if len(samples) >= presentations:
             break
         numbers = list(range(len(groups)))
         if (order, again) != (0, 0):
             np.random.default_rng([_ORDER, order, again]).shuffle(numbers)
-        found += [sample for number in numbers for sample in groups[number]]
-    return found[:presentations]
+        samples += [sample for number in numbers for sample in groups[number]]
+    return samples[:presentations]
 
 
 def looked_at(presentations: int) -> tuple[int, ...]:
@@ -178,5 +178,5 @@ def settled_at(presentations: Sequence[int], looks: Sequence[Sequence[int]]) -> 
 
 def learnt(context: Context, what: str, sources: Sequence[Source], runs: Sequence[Shown]) -> list[Learnt]:
     """Return what came of the runs, in their order."""
-    known = {source.sha256: source.groups for source in sources}
-    return context.pieces(what, runs, functools.partial(learn, known), Learnt)
+    groups_of = {source.sha256: source.groups for source in sources}
+    return context.pieces(what, runs, functools.partial(learn, groups_of), Learnt)

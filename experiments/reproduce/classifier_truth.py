@@ -54,7 +54,7 @@ def truth(context: Context, sources: Sequence[Source], rhos: Sequence[float]) ->
             _rows(rhos, thetas, runs),
         ),
         Text(in_words(rhos, thetas, ari, usual)),
-        Text(_sides([one for rho in rhos for one in runs[usual, rho]])),
+        Text(_sides([run for rho in rhos for run in runs[usual, rho]])),
         Comparisons(
             (
                 Comparison(

@@ -37,8 +37,8 @@ class Context:
         ``kind`` says in words what it is; ``key``, a dataclass or mapping with a whole number ``version``, holds all
         that the result depends on. CacheError when key or result cannot be kept as JSON.
         """
-        known = self.cache.load(kind, key, result)
-        return self.cache.keep(kind, key, compute(), result) if known is None else known
+        kept = self.cache.load(kind, key, result)
+        return self.cache.keep(kind, key, compute(), result) if kept is None else kept
 
     def pieces(self, kind: str, keys: Sequence[K], work: Callable[[K], T], result: type[T]) -> list[T]:
         """Return ``work(key)`` of every key, in their order; what is not in the cache is spread over processes.

@@ -52,9 +52,9 @@ def chapter(context: Context) -> Chapter:
     results = dict(zip(keys, context.pieces("insertions", keys, insert, Gone), strict=True))
     done = [_done(reported, [(key, results[key]) for key in of_one]) for reported, of_one in plans]
     parts: list[Part] = [_introduction(context, done), _table(done)]
-    parts.append(aims([one.reported for one in done], [one.figures for one in done]))
-    for one in done:
-        parts += [Heading(f"{one.reported.title} ({one.reported.where})"), *_part(context, one)]
+    parts.append(aims([study.reported for study in done], [study.figures for study in done]))
+    for study in done:
+        parts += [Heading(f"{study.reported.title} ({study.reported.where})"), *_part(context, study)]
     parts += _policies(done) + _overlap(done)
     return Chapter(parts)
 
@@ -65,9 +65,9 @@ def _keys(context: Context, reported: Reported) -> list[Run]:
     return [Run(reported.name, definition_sha256(definition), seed, episodes) for seed in context.seeds]
 
 
-def _done(reported: Reported, made: Sequence[tuple[Run, Gone]]) -> Done:
-    runs = [run for _, run in made]
-    return Done(reported, made[0][0].episodes, runs, [figures_of(run) for run in runs])
+def _done(reported: Reported, pieces: Sequence[tuple[Run, Gone]]) -> Done:
+    runs = [run for _, run in pieces]
+    return Done(reported, pieces[0][0].episodes, runs, [figures_of(run) for run in runs])
 
 
 def _introduction(context: Context, done: Sequence[Done]) -> Text:
@@ -87,8 +87,8 @@ def _introduction(context: Context, done: Sequence[Done]) -> Text:
 def _table(done: Sequence[Done]) -> Table:
     head = ("experiment", "steady from", "return", "force [N]", "torque [N m]", "success", "collisions", "longest run")
     rows = []
-    for one in done:
-        figures = one.figures
+    for study in done:
+        figures = study.figures
         columns: list[list[float]] = [
             [figure.steady for figure in figures],
             [figure.episode_return for figure in figures],
@@ -98,38 +98,38 @@ def _table(done: Sequence[Done]) -> Table:
             [figure.collisions for figure in figures],
             [figure.longest for figure in figures],
         ]
-        rows.append((one.reported.name, *(spread(column) for column in columns)))
+        rows.append((study.reported.name, *(spread(column) for column in columns)))
     caption = "All experiments: median and 90 % interval over seeds; return to success are those of the last quarter."
     return Table("", caption, head, rows)
 
 
-def _part(context: Context, one: Done) -> list[Part]:
+def _part(context: Context, study: Done) -> list[Part]:
     parts: list[Part] = []
     for quantity in LABELS:
-        number = one.reported.figures.get(quantity, "")
-        caption = f"{LABELS[quantity][0].upper()}{LABELS[quantity][1:]}, {one.reported.name}."
-        parts.append(Figure(number, caption, _curve(one, quantity)))
-    rows = compare(one.reported, one.figures)
+        number = study.reported.figures.get(quantity, "")
+        caption = f"{LABELS[quantity][0].upper()}{LABELS[quantity][1:]}, {study.reported.name}."
+        parts.append(Figure(number, caption, _curve(study, quantity)))
+    rows = compare(study.reported, study.figures)
     if context.quick:
         note = "Short run: the quick report only shows that this can be computed."
         rows = [replace(row, note=f"{row.note} {note}".strip()) for row in rows]
     if rows:
         parts.append(Comparisons(rows))
-    if one.reported.name in EXPLORING:
-        parts.append(insertion_exploration.table(context, one.reported.name))
+    if study.reported.name in EXPLORING:
+        parts.append(insertion_exploration.table(context, study.reported.name))
     return parts
 
 
-def _values(one: Done, quantity: Quantity) -> NDArray[np.float64]:
+def _values(study: Done, quantity: Quantity) -> NDArray[np.float64]:
     """Return a quantity of each run and episode, shape (seeds, episodes)."""
     if quantity == "failures":
-        return np.array([[letter != "i" for letter in run.outcomes] for run in one.runs], dtype=np.float64)
+        return np.array([[letter != "i" for letter in run.outcomes] for run in study.runs], dtype=np.float64)
     by_name = {"return": "returns", "force": "force_n", "torque": "torque_nm"}
-    return np.array([getattr(run, by_name[quantity]) for run in one.runs])
+    return np.array([getattr(run, by_name[quantity]) for run in study.runs])
 
 
-def _curve(one: Done, quantity: Quantity) -> str:
-    values = _values(one, quantity)
+def _curve(study: Done, quantity: Quantity) -> str:
+    values = _values(study, quantity)
     with drawing() as (figure, ((axes,),)):
         if quantity == "failures":
             whole = values.shape[1] // WINDOW * WINDOW
@@ -149,14 +149,14 @@ def _curve(one: Done, quantity: Quantity) -> str:
 
 def _policies(done: Sequence[Done]) -> list[Part]:
     """Return the comparison of the two policies over the first episodes, Figs. 6.7 and B.16."""
-    both = [one for one in done if one.reported.name in ("chamfered-q-softmax", "chamfered-q-egreedy")]
+    both = [study for study in done if study.reported.name in ("chamfered-q-softmax", "chamfered-q-egreedy")]
     if len(both) < 2:
         return []
     with drawing() as (figure, ((axes,),)):
-        for one, colour in zip(both, COLOURS, strict=False):
-            values = _values(one, "return")[:, :FIRST]
+        for study, colour in zip(both, COLOURS, strict=False):
+            values = _values(study, "return")[:, :FIRST]
             span = list(range(WINDOW - 1, values.shape[1]))
-            band(axes, span, moving_average(values, WINDOW), colour, one.reported.name)
+            band(axes, span, moving_average(values, WINDOW), colour, study.reported.name)
         axes.set_xlabel("episode")
         axes.set_ylabel(LABELS["return"])
         axes.legend()
@@ -167,20 +167,20 @@ def _policies(done: Sequence[Done]) -> list[Part]:
 
 def _overlap(done: Sequence[Done]) -> list[Part]:
     """Return how far a class tells the true contact state, for the round and the square peg."""
-    compared = [one for one in done if one.reported.name in OVERLAP]
+    compared = [study for study in done if study.reported.name in OVERLAP]
     if len(compared) < len(OVERLAP):
         return []
     rows = []
     with drawing(1, 2) as (figure, ((left, right),)):
-        for one, colour in zip(compared, COLOURS, strict=False):
-            first = one.runs[0].blocks
+        for study, colour in zip(compared, COLOURS, strict=False):
+            first = study.runs[0].blocks
             starts = [block.first_episode for block in first]
-            left.plot(starts, [block.entropy_bit for block in first], color=colour, label=one.reported.name)
+            left.plot(starts, [block.entropy_bit for block in first], color=colour, label=study.reported.name)
             right.plot(starts, [block.states for block in first], color=colour)
-            last = [run.blocks[-1] for run in one.runs]
+            last = [run.blocks[-1] for run in study.runs]
             rows.append(
                 (
-                    one.reported.name,
+                    study.reported.name,
                     spread([block.states for block in last]),
                     spread([block.purity for block in last]),
                     spread([block.adjusted_rand_index for block in last]),

@@ -127,12 +127,12 @@ def compare(reported: Reported, figures: Sequence[Figures]) -> list[Comparison]:
 def aims(reported: Sequence[Reported], figures: Sequence[Sequence[Figures]]) -> Table:
     """Return what we ask of our own runs, where the thesis gives no number; no part of the comparison with it."""
     rows = []
-    for one, its_figures in zip(reported, figures, strict=True):
-        if one.success_aim is None:
+    for experiment, its_figures in zip(reported, figures, strict=True):
+        if experiment.success_aim is None:
             continue
         values = [100 * figure.success for figure in its_figures]
-        met = "met" if interval(values).median >= 100 * one.success_aim else "missed"
-        rows.append((one.name, f"at least {100 * one.success_aim:g} %", f"{spread(values)} %", met))
+        met = "met" if interval(values).median >= 100 * experiment.success_aim else "missed"
+        rows.append((experiment.name, f"at least {100 * experiment.success_aim:g} %", f"{spread(values)} %", met))
     head = ("experiment", "success, last quarter: our aim", "Treenail", "")
     return Table("", "Our own aims. The thesis has no number for these, so they say nothing about it.", head, rows)
 

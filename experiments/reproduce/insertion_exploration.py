@@ -81,13 +81,13 @@ def explore(key: Exploring) -> Explored:
             after += summary.outcome != "inserted" and run.explored
         run.explored = False
     greedy = InProcessRun(replace(definition, policy=Greedy()), key.seed + OTHER_SEED, skill=run.learnt())
-    found = list(greedy.episodes(key.greedy_episodes))
+    summaries = list(greedy.episodes(key.greedy_episodes))
     return Explored(
         success=inserted / (inserted + failures),
         failures=failures,
         failures_after_exploring=after,
-        greedy_success=sum(summary.outcome == "inserted" for summary in found) / len(found),
-        greedy_return=sum(summary.episode_return for summary in found) / len(found),
+        greedy_success=sum(summary.outcome == "inserted" for summary in summaries) / len(summaries),
+        greedy_return=sum(summary.episode_return for summary in summaries) / len(summaries),
     )
 
 
@@ -95,16 +95,22 @@ def table(context: Context, name: str) -> Table:
     """Return the figures of one experiment over the seeds."""
     episodes, more = (QUICK_EPISODES, QUICK_GREEDY_EPISODES) if context.quick else (EPISODES, GREEDY_EPISODES)
     keys = [Exploring(name, definition_sha256(load(name)), seed, episodes, more) for seed in context.seeds]
-    found = context.pieces("insertions with and without exploring", keys, explore, Explored)
-    failures, after = sum(one.failures for one in found), sum(one.failures_after_exploring for one in found)
+    explored = context.pieces("insertions with and without exploring", keys, explore, Explored)
+    failures, after = (
+        sum(piece.failures for piece in explored),
+        sum(piece.failures_after_exploring for piece in explored),
+    )
     rows = [
-        (f"success, episodes {episodes // 2} to {episodes}", _spread([100 * one.success for one in found], "%")),
+        (f"success, episodes {episodes // 2} to {episodes}", _spread([100 * piece.success for piece in explored], "%")),
         ("failures in them, all seeds", str(failures)),
         ("of these, with an exploratory move before", str(after)),
-        (f"success of {more} episodes without exploring", _spread([100 * one.greedy_success for one in found], "%")),
-        ("return of these", _spread([one.greedy_return for one in found], "")),
+        (
+            f"success of {more} episodes without exploring",
+            _spread([100 * piece.greedy_success for piece in explored], "%"),
+        ),
+        ("return of these", _spread([piece.greedy_return for piece in explored], "")),
     ]
-    caption = f"{name}: what exploring costs; median and 90 % interval over {len(found)} seeds."
+    caption = f"{name}: what exploring costs; median and 90 % interval over {len(explored)} seeds."
     return Table("", caption, ("", "Treenail"), rows)
 
 

@@ -78,14 +78,14 @@ def insert(run: Run) -> Gone:
     definition = load(run.name)
     if definition_sha256(definition) != run.definition_sha256:
         raise TreenailError(f"{run.name}: expected definition {run.definition_sha256[:12]}, got another one")
-    made = WatchedRun(definition, run.seed)
+    watched = WatchedRun(definition, run.seed)
     episodes: list[EpisodeSummary] = []
     blocks: list[Block] = []
-    for summary in made.episodes(run.episodes):
+    for summary in watched.episodes(run.episodes):
         episodes.append(summary)
         if len(episodes) % BLOCK == 0 or len(episodes) == run.episodes:
-            blocks += _block(len(episodes) - 1, made.pairs)
-            made.pairs = []
+            blocks += _block(len(episodes) - 1, watched.pairs)
+            watched.pairs = []
     return Gone(
         [summary.episode_return for summary in episodes],
         [summary.mean_force_n for summary in episodes],

@@ -48,7 +48,7 @@ def render(title: str, facts: Mapping[str, str], done: Sequence[Done], quick: bo
         facts=facts,
         done=done,
         quick=quick,
-        counts=counts([row for one in done if one.chapter for row in one.chapter.comparisons]),
+        counts=counts([row for section in done if section.chapter for row in section.chapter.comparisons]),
     )
 
 

@@ -54,8 +54,8 @@ def make(wanted: Wanted, sections: Sequence[Section] = SECTIONS) -> Path:
     """
     unknown = sorted(set(wanted.only or ()) - {section.name for section in sections})
     if unknown:
-        known = ", ".join(section.name for section in sections)
-        raise ReportError(f"--only: expected one or more of {known}, got {', '.join(unknown)}")
+        names = ", ".join(section.name for section in sections)
+        raise ReportError(f"--only: expected one or more of {names}, got {', '.join(unknown)}")
     if wanted.data is not None and not wanted.data.is_dir():
         raise ReportError(f"--data: expected a folder, got {wanted.data}")
     index = wanted.out / INDEX

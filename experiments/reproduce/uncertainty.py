@@ -118,7 +118,7 @@ def _sensor(measured: Measured, noise: Noise) -> list[Heading | Figure | Compari
 
 def _sensor_rows(facts: Mapping[str, float], raw: Sequence[Rows], smooth: Sequence[Rows]) -> list[Comparison]:
     unit_nm, load_n = facts["torque_unit_nm"], facts["load_n"]
-    ratio = [_force_error(one, load_n) / _force_error(other, load_n) for one, other in zip(smooth, raw, strict=False)]
+    ratio = [_force_error(rows, load_n) / _force_error(other, load_n) for rows, other in zip(smooth, raw, strict=False)]
     why = "How often the thesis read its sensor is not said, and the greatest of more readings is greater."
     drift = (
         "White noise behind the filter, and the shift of the mean by 0.1 that the thesis reports, make no more than "
@@ -128,7 +128,7 @@ def _sensor_rows(facts: Mapping[str, float], raw: Sequence[Rows], smooth: Sequen
         Comparison(
             "greatest force error in 60 s",
             f"{facts['force_error_n']:g} N",
-            [_force_error(one, load_n) for one in raw],
+            [_force_error(rows, load_n) for rows in raw],
             among(facts["force_error_n"]),
             why,
             "N",
@@ -136,7 +136,7 @@ def _sensor_rows(facts: Mapping[str, float], raw: Sequence[Rows], smooth: Sequen
         Comparison(
             "greatest torque error in 60 s",
             f"{facts['torque_error']:g} (N m x 10)",
-            [_torque_error(one, unit_nm) for one in raw],
+            [_torque_error(rows, unit_nm) for rows in raw],
             among(facts["torque_error"]),
             why,
         ),
@@ -150,7 +150,7 @@ def _sensor_rows(facts: Mapping[str, float], raw: Sequence[Rows], smooth: Sequen
         Comparison(
             "31 Hz filter: greatest torque error",
             f"{facts['torque_error_filtered']:g} (N m x 10)",
-            [_torque_error(one, unit_nm) for one in smooth],
+            [_torque_error(rows, unit_nm) for rows in smooth],
             among(facts["torque_error_filtered"]),
             drift,
         ),
@@ -203,10 +203,10 @@ def _arm(measured: Measured, noise: Noise) -> list[Heading | Table | Comparisons
     for direction, table in measured.motion.items():
         axis = AXES.index(direction[1])
         for what, figure in (("mean along", _mean), ("spread along", _spread), ("greatest across", _across)):
-            theirs, ours = figure(table, axis), [figure(one, axis) for one in simulated[direction]]
+            theirs, ours = figure(table, axis), [figure(rows, axis) for rows in simulated[direction]]
             why = "A single series of five readings; one size of error stands for all directions (decision 6)."
             single.append(Comparison(f"{direction}: {what}", f"{theirs:.3f} mm", ours, among(theirs), why, "mm"))
-        low, median, high = interval([_mean(one, axis) for one in simulated[direction]])
+        low, median, high = interval([_mean(rows, axis) for rows in simulated[direction]])
         readings_mm = " ".join(f"{value:.3f}" for value in table[:, axis])
         shown.append((direction, readings_mm, f"{median:.3f} ({low:.3f} to {high:.3f})"))
     head = ("direction", "thesis: five readings along it [mm]", "ours: mean of five [mm]")
@@ -239,7 +239,7 @@ def _pooled(measured: Measured, simulated: Mapping[str, Sequence[Rows]]) -> list
         Comparison(
             f"error {what} the motion, r.m.s.",
             f"{theirs[n]:.4f} mm",
-            [one[n] for one in ours],
+            [pair[n] for pair in ours],
             among(theirs[n]),
             why,
             "mm",
