@@ -72,13 +72,13 @@ def act(arguments: argparse.Namespace) -> None:
 
 def table(title: str, figures: dict[str, Figures]) -> Table:
     """Return the figures for people."""
-    made = Table(title=title)
+    rich_table = Table(title=title)
     headings = ("method", "success", "force [N]", "peak [N]", "moves", "time [s]", "states")
     for heading in headings:
-        made.add_column(heading, justify="left" if heading == "method" else "right")
+        rich_table.add_column(heading, justify="left" if heading == "method" else "right")
     for name, row in figures.items():
         interval = f"({row['success_low']:.1%} to {row['success_high']:.1%})"
-        made.add_row(
+        rich_table.add_row(
             Path(name).name,
             f"{row['success']:.1%} {interval}",
             f"{row['force_n']:.2f}",
@@ -87,7 +87,7 @@ def table(title: str, figures: dict[str, Figures]) -> Table:
             f"{row['seconds']:.0f}" if row["successes"] else "none",
             str(row["states"]),
         )
-    return made
+    return rich_table
 
 
 def _method(name: str) -> Method:

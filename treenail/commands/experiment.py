@@ -72,7 +72,7 @@ def _run(arguments: argparse.Namespace) -> int:
             folder = folder.with_name(f"{folder.name}-interrupted")
             result_files.prepare(folder, sha256, force=True)
         _tell(folder, definition, sha256, stopped.runs, planned, {"seeds": seeds, "episodes": episodes})
-        kept = ", ".join(f"{len(one.result.episodes)} of seed {one.result.seed}" for one in stopped.runs)
+        kept = ", ".join(f"{len(seed_run.result.episodes)} of seed {seed_run.result.seed}" for seed_run in stopped.runs)
         print(f"{PROGRAM}: interrupted; of {episodes} episodes kept {kept}, in {folder}", file=sys.stderr)
         return command_line.EXIT_INTERRUPTED
     except pool.PieceError as error:
@@ -95,15 +95,15 @@ def _tell(
     from services.cell.terminal import console
     from services.rules import results
 
-    runs = [one.result for one in timed]
+    runs = [run.result for run in timed]
     summary = results.summary(definition, sha256, runs, planned)
     if wanted is not None:
         summary["interrupted"] = wanted
-    figures = plots.figures(definition.name, result_files.in_step({one.seed: one.episodes for one in runs}))
-    skills = {one.result.seed: one.skill for one in timed}
+    figures = plots.figures(definition.name, result_files.in_step({run.seed: run.episodes for run in runs}))
+    skills = {run.result.seed: run.skill for run in timed}
     result_files.write(folder, definition, summary, runs, figures, skills)
-    title = f"{definition.name}, {max(len(one.episodes) for one in runs)} episodes"
-    console().print(progress.table(title, summary["runs"], [one.moves_per_s for one in timed]))
+    title = f"{definition.name}, {max(len(run.episodes) for run in runs)} episodes"
+    console().print(progress.table(title, summary["runs"], [run.moves_per_s for run in timed]))
 
 
 def _logged(error: PieceError, folder: Path, debug: bool) -> TreenailError:

@@ -64,5 +64,5 @@ def title(answer: PolicyAnswer) -> str:
     """Return in words which state the answer is for, and how well the agent knows it."""
     state = "no contact state known so far" if answer.state is None else f"contact state {answer.state}"
     match = "" if answer.match is None else f", match {answer.match:.4f}"
-    known = "" if answer.known else ", never decided in"
-    return f"{state}{match}{known}\nrun {answer.run}, policy version {answer.policy_version}"
+    remark = "" if answer.known else ", never decided in"
+    return f"{state}{match}{remark}\nrun {answer.run}, policy version {answer.policy_version}"

@@ -31,12 +31,12 @@ def act(arguments: argparse.Namespace) -> None:
 
 def table(answer: QTable) -> Table:
     """Return a Q-table for people; the value of the best action is bold."""
-    made = Table(
+    rows = Table(
         title=f"Q-table of run {answer.run} after {answer.decisions} decisions (version {answer.policy_version})"
     )
     for heading in ("state", "best", "visits", *answer.actions):
-        made.add_column(heading, justify="right", no_wrap=True)
+        rows.add_column(heading, justify="right", no_wrap=True)
     for state, (values, visits, best) in enumerate(zip(answer.q, answer.visits, answer.best_action, strict=True)):
         cells = [f"[bold]{value:.2f}[/bold]" if index == best else f"{value:.2f}" for index, value in enumerate(values)]
-        made.add_row(str(state), answer.actions[best], str(sum(visits)), *cells)
-    return made
+        rows.add_row(str(state), answer.actions[best], str(sum(visits)), *cells)
+    return rows

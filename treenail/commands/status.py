@@ -165,7 +165,7 @@ def _phase(seen: Seen, name: str) -> str:
 def table(heading: str, rows: list[Row]) -> Table:
     """Return the rows for people: at 80 columns none is broken, except in its phase, while the services agree."""
     made = Table(title=Text(heading), box=box.SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    headings = (*HEADINGS, *(name for name in WHERE_THEY_DIFFER if len(_said(rows, name)) > 1))
+    headings = (*HEADINGS, *(name for name in WHERE_THEY_DIFFER if len(_values_of(rows, name)) > 1))
     for name in headings:
         number = name in ("msgs/s", "handled", "refused", "pid")
         made.add_column(name, justify="right" if number else "left", overflow="fold", no_wrap=name != "phase")
@@ -186,12 +186,12 @@ def table(heading: str, rows: list[Row]) -> Table:
 
 def footnotes(rows: list[Row]) -> list[str]:
     """Return in lines what all services say alike, and what was refused by each."""
-    alike = [f"{name} {said[0]}" for name in WHERE_THEY_DIFFER if len(said := _said(rows, name)) == 1]
+    alike = [f"{name} {said[0]}" for name in WHERE_THEY_DIFFER if len(said := _values_of(rows, name)) == 1]
     lines = [f"all: {one_line(', '.join(alike))}"] if alike else []
     return lines + [one_line(f"refused by {row['service']}: {row['refusals']}") for row in rows if row["refusals"]]
 
 
-def _said(rows: list[Row], name: str) -> list[str]:
+def _values_of(rows: list[Row], name: str) -> list[str]:
     """Return the different values that services say of something; who says nothing does not count."""
     return sorted({str(row[name]) for row in rows if row[name] is not None})
 
@@ -199,15 +199,15 @@ def _said(rows: list[Row], name: str) -> list[str]:
 def _answers(cell: client.Client) -> tuple[dict[str, Alive], dict[str, str]]:
     """Return what the services say of themselves, and the errors of those whose answer is of another contract."""
     samples, _ = cell.replies(wild(ALIVE), ANSWER_WITHIN_S)
-    found: dict[str, Alive] = {}
+    alive: dict[str, Alive] = {}
     foreign: dict[str, str] = {}
     for sample in samples:
         name = _service(str(sample.key_expr))
         try:
-            found[name] = cell.message(sample, Alive)
+            alive[name] = cell.message(sample, Alive)
         except ContractError as error:
             foreign[name] = str(error)
-    return found, foreign
+    return alive, foreign
 
 
 def _experiment(cell: client.Client) -> Experiment | None:

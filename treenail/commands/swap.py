@@ -52,11 +52,11 @@ def act(arguments: argparse.Namespace) -> None:
     """Ask for the swap until task and store have confirmed it, and say what it means."""
     wish = wish_of(arguments)
     with client.client_of(arguments) as cell:
-        found = swap(cell, wish, arguments.at, arguments.timeout)
+        swapped = swap(cell, wish, arguments.at, arguments.timeout)
     if arguments.json:
-        print(json.dumps({"run": found.run, "number": found.number, "swap": msgspec.to_builtins(found.swap)}))
+        print(json.dumps({"run": swapped.run, "number": swapped.number, "swap": msgspec.to_builtins(swapped.swap)}))
         return
-    print(f"run {found.run}: swap {found.number}, {words(found.swap)}")
+    print(f"run {swapped.run}: swap {swapped.number}, {words(swapped.swap)}")
 
 
 def wish_of(arguments: argparse.Namespace) -> Wish:

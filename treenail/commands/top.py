@@ -87,8 +87,10 @@ def figures(traffic: Traffic, cell: str, present: list[str], now_s: float) -> di
             for name, (rate, size) in traffic.rates(now_s).items()
         },
         "latency_us": {
-            leg: None if found is None else {"count": found[0], "median": round(found[1], 1), "p99": round(found[2], 1)}
-            for leg, found in traffic.latency_us().items()
+            leg: None
+            if latency is None
+            else {"count": latency[0], "median": round(latency[1], 1), "p99": round(latency[2], 1)}
+            for leg, latency in traffic.latency_us().items()
         },
         "services": {
             name: _service(traffic.hearts.get(name), name in present, now_s)
@@ -99,12 +101,12 @@ def figures(traffic: Traffic, cell: str, present: list[str], now_s: float) -> di
 
 def view(traffic: Traffic, cell: str, present: list[str], now_s: float) -> Group:
     """Return the figures for people."""
-    found = figures(traffic, cell, present, now_s)
-    mean = found["return_10"]
-    run = found["run"] or "nothing runs"
+    shown = figures(traffic, cell, present, now_s)
+    mean = shown["return_10"]
+    run = shown["run"] or "nothing runs"
     gain = "" if not isinstance(mean, float) else f", return of the last {len(traffic.pace.returns)} {mean:.1f}"
-    pace = f"{found['moves_per_s']} moves/s, {found['episodes_per_min']} episodes/min{gain}"
-    swapped = f", swaps in force: {found['swaps']}" if found["swaps"] else ""
+    pace = f"{shown['moves_per_s']} moves/s, {shown['episodes_per_min']} episodes/min{gain}"
+    swapped = f", swaps in force: {shown['swaps']}" if shown["swaps"] else ""
     lost = [] if traffic.complete else [Text("more passed than could be read: rates are too low", style="red")]
     tables = (_keys(traffic, now_s), _latencies(traffic), _services(traffic, present, now_s))
     return Group(Text(f"Cell {cell}: {run}, {pace}{swapped}"), *lost, *tables)
@@ -123,26 +125,26 @@ def _live(watch: Watch, live: Live) -> None:
 
 
 def _keys(traffic: Traffic, now_s: float) -> Table:
-    table = _made("key", "messages/s", "kB/s", "bad")
+    table = _table("key", "messages/s", "kB/s", "bad")
     for name, (rate, size) in traffic.rates(now_s).items():
         table.add_row(Text(name), f"{rate:.1f}", f"{size:.1f}", str(traffic.counts[name].bad or ""))
     return table
 
 
 def _latencies(traffic: Traffic) -> Table:
-    table = _made("latency", "median [us]", "p99 [us]", "decisions")
-    for leg, found in traffic.latency_us().items():
-        cells = ("", "", "") if found is None else (f"{found[1]:.0f}", f"{found[2]:.0f}", str(found[0]))
+    table = _table("latency", "median [us]", "p99 [us]", "decisions")
+    for leg, latency in traffic.latency_us().items():
+        cells = ("", "", "") if latency is None else (f"{latency[1]:.0f}", f"{latency[2]:.0f}", str(latency[0]))
         table.add_row(f"{leg}, {NOTES[leg]}", *cells)
     return table
 
 
 def _services(traffic: Traffic, present: list[str], now_s: float) -> Table:
-    table = _made("service", "handled/s", "refused", "heartbeat", "phase")
+    table = _table("service", "handled/s", "refused", "heartbeat", "phase")
     for name in sorted({*traffic.hearts, *present}):
-        one = _service(traffic.hearts.get(name), name in present, now_s)
-        age_s = one["heartbeat_age_s"]
-        cells = (one["handled_per_s"], one["refused"], "none yet" if age_s is None else f"{age_s} s ago", one["phase"])
+        row = _service(traffic.hearts.get(name), name in present, now_s)
+        age_s = row["heartbeat_age_s"]
+        cells = (row["handled_per_s"], row["refused"], "none yet" if age_s is None else f"{age_s} s ago", row["phase"])
         table.add_row(Text(name), *(Text("" if cell is None else str(cell)) for cell in cells))
     return table
 
@@ -162,7 +164,7 @@ def _service(heart: Heart | None, present: bool, now_s: float) -> dict[str, floa
     }
 
 
-def _made(first: str, *others: str) -> Table:
+def _table(first: str, *others: str) -> Table:
     table = Table(min_width=60)
     table.add_column(first, no_wrap=True)
     for heading in others:

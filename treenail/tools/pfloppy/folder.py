@@ -134,10 +134,10 @@ class Folder:
             return
 
     def _known(self, name: str) -> Identity:
-        found = self.identity(name)
-        if found is None:
+        identity = self.identity(name)
+        if identity is None:
             raise DamageError(f"{name}: somebody took it away at this moment")
-        return found
+        return identity
 
 
 def _identity(status: os.stat_result) -> Identity | None:

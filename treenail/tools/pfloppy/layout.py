@@ -91,14 +91,14 @@ class PlainLayout:
 
     def encode(self, entries: dict[int, Entry]) -> bytes:
         """Return the directory's bytes; entries by slot, 0 to 63."""
-        made = bytearray(len(self.directory) * BLOCK)
+        directory = bytearray(len(self.directory) * BLOCK)
         for slot, entry in entries.items():
-            _ENTRY.pack_into(made, slot * _ENTRY.size, _padded(entry.name), entry.start, entry.length)
-        return bytes(made)
+            _ENTRY.pack_into(directory, slot * _ENTRY.size, _padded(entry.name), entry.start, entry.length)
+        return bytes(directory)
 
     def decode(self, directory: bytes) -> dict[int, Entry]:
         """Return the entries by slot. LayoutError when names, places or lengths cannot be."""
-        found: dict[int, Entry] = {}
+        entries: dict[int, Entry] = {}
         taken: dict[int, str] = {}
         names: set[str] = set()
         for slot, (raw, start, length) in enumerate(_ENTRY.iter_unpack(directory)):
@@ -114,8 +114,8 @@ class PlainLayout:
                     raise LayoutError(f"{entry.name}: expected blocks of its own, got block {block} of {taken[block]}")
                 taken[block] = entry.name
             names.add(entry.name)
-            found[slot] = entry
-        return found
+            entries[slot] = entry
+        return entries
 
 
 def _padded(name: str) -> bytes:

@@ -170,12 +170,12 @@ class Volume:
     def _refresh(self) -> None:
         """Take over what has changed in the folder."""
         complaints: list[str] = []
-        found = self._look(complaints)
+        files = self._look(complaints)
         for name, item in list(self._items.items()):
-            host_name, identity = found.get(name, ("", None))
+            host_name, identity = files.get(name, ("", None))
             if (host_name, identity) != (item.host_name, item.identity):
                 del self._items[name]
-        for name, (host_name, _) in found.items():
+        for name, (host_name, _) in files.items():
             if name not in self._items:
                 try:
                     self._add(name, host_name)
@@ -189,18 +189,18 @@ class Volume:
 
     def _look(self, complaints: list[str]) -> dict[str, tuple[str, Identity]]:
         """Return the folder's files that can be on the disk, by name there."""
-        found: dict[str, tuple[str, Identity]] = {}
+        files: dict[str, tuple[str, Identity]] = {}
         for host_name in self._folder.names():  # capital letters sort first
             name, identity = host_name.upper(), self._folder.identity(host_name)
             if identity is None:
                 complaints.append(f"{host_name}: no plain file")
             elif not (host_name.isascii() and NAME.fullmatch(name)):
                 complaints.append(f"{host_name}: no name for the disk")
-            elif name in found:
-                complaints.append(f"{host_name}: {found[name][0]} has that name already")
+            elif name in files:
+                complaints.append(f"{host_name}: {files[name][0]} has that name already")
             else:
-                found[name] = (host_name, identity)
-        return found
+                files[name] = (host_name, identity)
+        return files
 
     def _add(self, name: str, host_name: str) -> None:
         """List a file of the folder. Raises DamageError when it does not fit."""

@@ -43,14 +43,14 @@ def keyboard(fd: int, edit: bool) -> Iterator[None]:
 
 def _settings(fd: int, edit: bool) -> list[int | list[bytes | int]]:
     """Return the terminal's settings with what is needed changed; its output stays as it is."""
-    made = termios.tcgetattr(fd)
-    made[_LOCAL] &= ~(termios.ISIG | termios.IEXTEN)
-    made[_INPUT] &= ~(termios.IXON | termios.ISTRIP | termios.BRKINT)
+    settings = termios.tcgetattr(fd)
+    settings[_LOCAL] &= ~(termios.ISIG | termios.IEXTEN)
+    settings[_INPUT] &= ~(termios.IXON | termios.ISTRIP | termios.BRKINT)
     if edit:
-        made[_LOCAL] |= _AT_ONCE
-        made[_CHARACTERS][termios.VEOL] = bytes((QUIT_KEY,))  # it ends a line by itself, without Enter
-        return made
-    made[_LOCAL] &= ~_AT_ONCE
-    made[_INPUT] &= ~(termios.ICRNL | termios.INLCR | termios.IGNCR)
-    made[_CHARACTERS][termios.VMIN], made[_CHARACTERS][termios.VTIME] = 1, 0
-    return made
+        settings[_LOCAL] |= _AT_ONCE
+        settings[_CHARACTERS][termios.VEOL] = bytes((QUIT_KEY,))  # it ends a line by itself, without Enter
+        return settings
+    settings[_LOCAL] &= ~_AT_ONCE
+    settings[_INPUT] &= ~(termios.ICRNL | termios.INLCR | termios.IGNCR)
+    settings[_CHARACTERS][termios.VMIN], settings[_CHARACTERS][termios.VTIME] = 1, 0
+    return settings
