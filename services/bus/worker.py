@@ -191,11 +191,20 @@ class Worker(Generic[F]):
             except ValueError as error:
                 raise DivergedError(str(error)) from error
             self._checkpointed = checkpoint.episode
-        self._replay_journal(fold, self._checkpointed // JOURNAL_BLOCK)
-        if fold.decisions < journalled:
-            lacking = f"neither checkpoint nor journal has decisions {fold.decisions} to {journalled - 1} of run {run}"
-            raise GapError(f"{lacking}; `treenail store check FILE` says what of the store's file is there")
+        try:
+            self._replay_journal(fold, self._checkpointed // JOURNAL_BLOCK)
+        except GapError:
+            self._lacking(fold, journalled)
+            raise
+        self._lacking(fold, journalled)
         return fold
+
+    def _lacking(self, fold: F, journalled: int) -> None:
+        """Raise GapError when a memory does not come as far as the journal, which has ``journalled`` decisions."""
+        if fold.decisions < journalled:
+            decisions = f"decisions {fold.decisions} to {journalled - 1} of run {self.experiment.run}"
+            advice = "`treenail store check FILE` says what of the store's file is there"
+            raise GapError(f"neither checkpoint nor journal has {decisions}; {advice}")
 
     def _begin(self, fold: F) -> None:
         """Take over the skill that the run began with, if any. Raises like ``_remember``."""

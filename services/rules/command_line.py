@@ -159,10 +159,12 @@ def run(
     logging.raiseExceptions = False  # a log that cannot be written is no reason for a traceback
     try:
         status = act()
-        sys.stdout.flush()
+        if sys.stdout is not None:  # a command gives it up when it cannot be written
+            sys.stdout.flush()
         return status or 0
     except SystemExit:  # help was asked for, or the words were wrong
-        sys.stdout.flush()
+        if sys.stdout is not None:
+            sys.stdout.flush()
         raise
     except TreenailError as error:
         return _failed(program, str(error))

@@ -85,13 +85,13 @@ NONSENSE = (
     ("?ft=", "got none"),
     ("?ft=1,2,3,4,5", "got 5"),
     ("?ft=1,2,3,4,5,6,7", "got 7"),
-    ("?ft=1,2,3,4,5,", "got '' among them"),
-    ("?ft=1,2,3,4,5,x", "got 'x' among them"),
-    ("?ft=1,2,3,4,5,nan", "got 'nan' among them"),
-    ("?ft=1,2,inf,4,5,6", "got 'inf' among them"),
-    ("?ft=1,2,3,4,5,1_0", "got '1_0' among them"),
+    ("?ft=1,2,3,4,5,", "got ''"),
+    ("?ft=1,2,3,4,5,x", "got 'x'"),
+    ("?ft=1,2,3,4,5,nan", "got 'nan'"),
+    ("?ft=1,2,inf,4,5,6", "got 'inf'"),
+    ("?ft=1,2,3,4,5,1_0", "got '1_0'"),
     ("?ft=1,2,3,4,5,1e6", "from -1e5 to 1e5"),
-    ("?ft=1,2,3,4,5,1e999", "from -1e5 to 1e5"),
+    ("?ft=1,2,3,4,5,1e999", "got '1e999'"),
     ("?ft=0,0,-0,0,0.0,0e5", "six zeros"),
     ("?ft=1e-200,0,0,0,0,0", "ART2 classifies directions"),
     ("?force=1", "parameter: expected one of state, ft"),
@@ -237,19 +237,15 @@ def classified(live: Any, **changes: Any) -> Message:
     return Classified(**{**fields, **changes})
 
 
-@pytest.mark.parametrize("what", ["garbage", "another type", "another run", "a state beyond all numbers"])
+@pytest.mark.parametrize("what", ["garbage", "another type", "another run"])
 def test_a_bad_answer_of_the_classifier_is_refused_on(learnt: Any, what: str) -> None:
     silent = SilentClassifier(learnt)
     said = flooded(learnt, 1)
     kind: type[Message] = PolicyAnswer if what == "another type" else Classified
-    all_changes: dict[str, dict[str, Any]] = {
-        "another run": {"run": "other"},
-        "a state beyond all numbers": {"state": 2**62},
-    }
-    changes = all_changes.get(what, {})
+    changes = {"run": "other"} if what == "another run" else {}
     silent.say(b"\xc1" if what == "garbage" else encode(classified(learnt, **changes)), encoding_of(kind))
     (refusal,) = said.get(timeout=CLIENT_WAITS_S)
-    assert refusal["reason"] == ("bad_request" if "state" in what else "not_ready")
+    assert refusal["reason"] == "not_ready"
     assert learnt.processes["agent"].popen.poll() is None
 
 

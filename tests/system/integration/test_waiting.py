@@ -147,11 +147,21 @@ def test_a_run_recorded_with_another_contract_is_refused(live: Any, wait_until: 
     live.start_loop(1)
     live.digests()
     run = live.experiment().run
-    (record,) = [reply.ok for reply in live.session.get(live.keys.run_record(run))]
     assert live.processes["task"].stop() == 0
-    old = record.payload.to_bytes().replace(live.status("agent").contract_sha256.encode(), b"0" * 64)
-    live.session.put(live.keys.run_record(run), old, encoding=encoding_of(RunRecord))
-    wait_until("the store has it", lambda: live.ask(f"journal/{run}/run", RunRecord).contract_sha256 == "0" * 64)
+    ours, key = live.status("agent").contract_sha256.encode(), live.keys.run_record(run)
+
+    def age(store: Database) -> None:
+        (record,) = store.get(key).values
+        store.prune([key])
+        store.apply([Put(*record._replace(payload=record.payload.replace(ours, b"0" * 64)))])
+
+    live.edit_store(age)
+
+    def aged() -> bool:
+        record = live.ask(f"journal/{run}/run", RunRecord)
+        return record is not None and record.contract_sha256 == "0" * 64
+
+    wait_until("the store has it", aged)
     live.start_loop(1, "task")
     assert live.processes["task"].end() == 2
     (line,) = live.processes["task"].err.splitlines()

@@ -163,7 +163,7 @@ def test_a_line_that_is_lost_is_opened_again(
         (("loop://", "no-such-folder"), "no-such-folder: expected a folder"),
         (("loop://", ".", "--protocol", "val2"), "--protocol: expected one of tu58, got 'val2'"),
         (("loop://", ".", "--system", "../x"), "--system: expected up to 6"),
-        (("loop://", ".", "--baud", "-1"), "loop://: cannot be opened"),
+        (("loop://", ".", "--baud", "-1"), "--baud: expected a whole number from 1"),
     ],
 )
 def test_what_cannot_be_is_said_in_one_line(

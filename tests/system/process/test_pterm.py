@@ -243,7 +243,7 @@ def test_a_port_in_use_is_said_in_one_line(person: Callable[..., Person], contro
         (("loop://", "--send", "/no/such/file"), "/no/such/file: cannot be read"),
         (("loop://", "--log", "/no/such/file"), "/no/such/file: cannot be written"),
         (("loop://", "--prompt", "("), "--prompt: expected a regular expression"),
-        (("loop://", "--patience", "0"), "expected seconds, positive"),
+        (("loop://", "--patience", "0"), "--patience: expected from 0.01"),
     ],
 )
 def test_what_cannot_be_is_said_in_one_line(words: tuple[str, ...], expected: str) -> None:
