@@ -50,7 +50,7 @@ def treenail(command: str, *more: str) -> list[str]:
 
 
 LONELY = of("treenail experiment", "treenail certs", "treenail up sim --certs")
-JOURNALS = of("treenail replay", "treenail diff")
+JOURNALS = of("treenail replay", "treenail diff", "treenail checkpoint export kept.skill")
 ASKING = of(
     "treenail status",
     "treenail top",
@@ -102,6 +102,8 @@ def cell(run_module: Callable[..., Any], wait_until: Callable[..., None], tmp_pa
 def test_what_asks_a_cell(cell: Path, tmp_path: Path) -> None:
     endpoint = (cell / "router.log").read_text().split("listening on ")[1].split()[0]
     for command in ASKING:
+        if command in JOURNALS:
+            continue
         done = run(treenail(command, *(SHORT if " up " in command else ())), tmp_path, TREENAIL_CONNECT=endpoint)
         assert done.stdout.strip(), command
     assert (tmp_path / "peg.skill").stat().st_size > 1000
