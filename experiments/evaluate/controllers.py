@@ -80,8 +80,8 @@ class ComplianceRule:
 class SpiralRule:
     """The compliance rule with a search: pressed on a flat face, it goes round in a widening square spiral.
 
-    It is what is done where there is no chamfer to feel (thesis 2.1): the way is fixed, and begins anew once the peg
-    gives way.
+    It is what is done where there is no chamfer to feel: the way is fixed, goes on after each touch of the rule, and
+    begins anew with each episode.
     """
 
     def __init__(self, definition: Definition) -> None:
