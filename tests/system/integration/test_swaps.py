@@ -6,6 +6,7 @@ import json
 import os
 import signal
 import threading
+import time
 import uuid
 from collections.abc import Callable
 from pathlib import Path
@@ -59,9 +60,13 @@ class Operator:
         return [answer for reply in replies if (answer := answer_in(reply, Swapped)) is not None]
 
     def ask(self, request: SwapRequest) -> Swapped | Refusal:
-        """Return the one answer to a request."""
-        (answer,) = self.send(encode(request))
-        return answer
+        """Return the one answer to a request, asked again as the refusal says while the store has only just come back."""
+        deadline = time.monotonic() + 30
+        while True:
+            (answer,) = self.send(encode(request))
+            if not (isinstance(answer, Refusal) and answer.reason == "not_ready") or time.monotonic() > deadline:
+                return answer
+            time.sleep(0.2)
 
     def swap(self, words: str, episode: int | None = None) -> Swap:
         """Return the swap that was made."""
@@ -251,7 +256,7 @@ def test_a_swap_waits_for_the_store_and_is_not_acknowledged_without_it(
     process = waiting.processes["store"]
     os.kill(process.popen.pid, signal.SIGKILL)
     process.end()
-    answer = operator.ask(request)
+    (answer,) = operator.send(encode(request))
     assert isinstance(answer, Refusal) and answer.reason == "not_ready"
     assert waiting.experiment().swaps == ()
     waiting.start_store()
