@@ -60,7 +60,7 @@ class Operator:
         return [answer for reply in replies if (answer := answer_in(reply, Swapped)) is not None]
 
     def ask(self, request: SwapRequest) -> Swapped | Refusal:
-        """Return the one answer to a request, asked again as the refusal says while the store has only just come back."""
+        """Return the one answer to a request, asked again, as the refusal says, while the store is not ready."""
         deadline = time.monotonic() + 30
         while True:
             (answer,) = self.send(encode(request))
