@@ -10,27 +10,35 @@ straight and centred on the mouth.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated, Literal
 
-from msgspec import Meta, Struct
+from msgspec import Meta
 
+from services.wire.definition_base import AngleDeg, Checked, OffsetMm, StepSize
+from services.wire.definition_base import Finite as Finite
+from services.wire.definition_base import Fraction as Fraction
+from services.wire.definition_base import NotNegative as NotNegative
+from services.wire.definition_base import Setting as Setting
+from services.wire.definition_learning import TD_LEARNERS as TD_LEARNERS
+from services.wire.definition_learning import Art2Settings as Art2Settings
+from services.wire.definition_learning import ClassifierSettings as ClassifierSettings
+from services.wire.definition_learning import EpsilonAnnealed as EpsilonAnnealed
+from services.wire.definition_learning import EpsilonGreedy as EpsilonGreedy
+from services.wire.definition_learning import ForceChangeReward as ForceChangeReward
+from services.wire.definition_learning import Greedy as Greedy
+from services.wire.definition_learning import InsertionReward as InsertionReward
+from services.wire.definition_learning import LearnerSettings as LearnerSettings
+from services.wire.definition_learning import Plugin as Plugin
+from services.wire.definition_learning import Policy as Policy
+from services.wire.definition_learning import QLearning as QLearning
+from services.wire.definition_learning import Reward as Reward
+from services.wire.definition_learning import Sarsa as Sarsa
+from services.wire.definition_learning import Softmax as Softmax
+from services.wire.definition_learning import TdSettings as TdSettings
 from services.wire.message_base import LONGEST_EPISODE, LONGEST_RUN
 
-NotNegative = Annotated[float, Meta(ge=0, le=1e6)]
-Finite = Annotated[float, Meta(ge=-1e6, le=1e6)]
-Fraction = Annotated[float, Meta(ge=0, le=1)]
-OffsetMm = Annotated[float, Meta(ge=-20, le=20)]
-AngleDeg = Annotated[float, Meta(ge=-20, le=20)]
-StepSize = Annotated[float, Meta(gt=0, le=2)]
-Setting = bool | int | Finite | Annotated[str, Meta(max_length=1000)]
 
-
-class _Checked(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """Base of all parts of a definition: frozen, keyword-only, unknown keys refused."""
-
-
-class Parts(_Checked, frozen=True, kw_only=True):
+class Parts(Checked, frozen=True, kw_only=True):
     """Geometry of peg and hole (thesis 6.2, Fig. 6.4)."""
 
     shape: Literal["round", "square"] = "round"
@@ -45,7 +53,7 @@ class Parts(_Checked, frozen=True, kw_only=True):
     """Radial width of the 45 degree chamfer round the mouth; 0 for none. The thesis does not give it."""
 
 
-class Contact(_Checked, frozen=True, kw_only=True):
+class Contact(Checked, frozen=True, kw_only=True):
     """Material of the contact between peg and hole."""
 
     friction: Annotated[float, Meta(ge=0, le=2)] = 0.3
@@ -54,7 +62,7 @@ class Contact(_Checked, frozen=True, kw_only=True):
     """How stiff the peg's surface is at each point that touches; 0 for a rigid one (docs/decisions/0007)."""
 
 
-class Wrist(_Checked, frozen=True, kw_only=True):
+class Wrist(Checked, frozen=True, kw_only=True):
     """Compliance between flange and peg, and where the sensor sits. Simulated force means nothing without it."""
 
     stiffness_n_per_mm: Annotated[float, Meta(ge=0.1, le=1000)] = 15.0
@@ -65,7 +73,7 @@ class Wrist(_Checked, frozen=True, kw_only=True):
     """Distance from the peg's tip back to the sensor: torques refer to this point, and the wrist gives way in it."""
 
 
-class Noise(_Checked, frozen=True, kw_only=True):
+class Noise(Checked, frozen=True, kw_only=True):
     """Errors of the simulated cell: zero-mean Gaussian, drawn from counter-based generators (docs/decisions/0006)."""
 
     scale: Annotated[float, Meta(ge=0, le=10)] = 1.0
@@ -82,7 +90,7 @@ class Noise(_Checked, frozen=True, kw_only=True):
     """Standard deviation of the arm's rotation about each axis in a motion; not in the thesis."""
 
 
-class Sensor(_Checked, frozen=True, kw_only=True):
+class Sensor(Checked, frozen=True, kw_only=True):
     """How finely the force/torque sensor is read: a receiver card gives whole counts of 1/16384 of its full scale."""
 
     full_scale_n: Annotated[int, Meta(ge=0, le=32767)] = 0
@@ -91,7 +99,7 @@ class Sensor(_Checked, frozen=True, kw_only=True):
     """Full scale of each torque component [0.1 N m], the metric unit of a JR3 receiver."""
 
 
-class Start(_Checked, frozen=True, kw_only=True):
+class Start(Checked, frozen=True, kw_only=True):
     """Pose of the peg's tip in the hole frame when an episode begins (thesis 6.2.1, 6.4)."""
 
     x_mm: OffsetMm = 1.6
@@ -112,7 +120,7 @@ class Start(_Checked, frozen=True, kw_only=True):
     """Half width of a uniform random offset added to each of the three angles in each episode."""
 
 
-class Moves(_Checked, frozen=True, kw_only=True):
+class Moves(Checked, frozen=True, kw_only=True):
     """The agent's actions: one increment each, in the tool frame (thesis 6.1, 6.4)."""
 
     actions: Literal[5, 9, 11] = 9
@@ -125,7 +133,7 @@ class Moves(_Checked, frozen=True, kw_only=True):
     """Size of a rotation."""
 
 
-class Limits(_Checked, frozen=True, kw_only=True):
+class Limits(Checked, frozen=True, kw_only=True):
     """When contact counts, and when an episode ends."""
 
     contact_force_n: Annotated[float, Meta(gt=0, le=100)] = 0.3
@@ -150,131 +158,7 @@ class Limits(_Checked, frozen=True, kw_only=True):
     """What an episode cut by ``move_limit`` teaches by its last decision: nothing, or that all ends there."""
 
 
-class InsertionReward(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="insertion"):
-    """Reward of thesis chapter 6: what a move costs, whatever force it caused."""
-
-    step: Finite = -1.0
-    """For a move in contact other than +Z."""
-    insertion_step: Finite = 0.0
-    """For a move in contact in +Z."""
-    collision: Finite = -100.0
-    """For a move that ends in a collision (instead of the others)."""
-    no_progress: Finite = -50.0
-    """For the move that ends the episode by the no-progress rule (instead of the others)."""
-
-
-class ForceChangeReward(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="force_change"):
-    """Reward of conference paper 2: by how the force changed over a move."""
-
-    fell: Finite = 5.0
-    """When the force fell by at least ``fell_by``."""
-    fell_by: Fraction = 0.5
-    """Part of the force before."""
-    rose: Finite = -5.0
-    """When the force rose by at least ``rose_by``."""
-    rose_by: Annotated[float, Meta(ge=0, le=100)] = 0.2
-    """Part of the force before."""
-    otherwise: Finite = -1.0
-    """When it did neither."""
-    collision: Finite = -200.0
-    """For a move that ends in a collision (instead of the others)."""
-    no_progress: Finite = -50.0
-    """For the move that ends the episode by the no-progress rule (instead of the others)."""
-
-
-class Art2Settings(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="art2"):
-    """ART2 classifier (thesis Appendix D; parameter names are the thesis's)."""
-
-    rho: Annotated[float, Meta(gt=0, lt=1)] = 0.92
-    """Vigilance: a class whose match is below it is reset."""
-    theta: Annotated[float, Meta(ge=0, lt=1)] = 0.05
-    """Threshold of the signal function f."""
-    a: Annotated[float, Meta(gt=0, le=100)] = 10.0
-    """Feedback from u to w."""
-    b: Annotated[float, Meta(gt=0, le=100)] = 10.0
-    """Feedback from q to v."""
-    c: Annotated[float, Meta(gt=0, lt=1)] = 0.1
-    """Weight of p in the match."""
-    d: Annotated[float, Meta(gt=0, lt=1)] = 0.9
-    """Activity of the winning class; weights reach u/(1-d)."""
-    e: Annotated[float, Meta(ge=0, le=0.1)] = 0.0
-    """Keeps norms from 0."""
-    learning_rate: Annotated[float, Meta(gt=0, le=1)] = 0.1
-    """Part of the way from the old weights to the equilibrium u/(1-d) that a presentation goes; 1 is fast learning."""
-    encoding: Literal["odd", "split"] = "odd"
-    """How signed inputs reach f: "odd" makes f odd-symmetric (6 inputs), "split" gives each sign an input (12)."""
-    torque_gain_per_m: Annotated[float, Meta(ge=0, le=1000)] = 10.0
-    """Factor from N m to input units, forces being in N; 10 is the unit of the JR3's metric torque."""
-    capacity: Annotated[int, Meta(ge=1, le=10000)] = 200
-    """Most classes there can be."""
-    when_full: Literal["nearest", "refuse"] = "nearest"
-    """What an input that fits no class gets when all are taken: the best matching class, unlearnt, or an error."""
-
-
-class QLearning(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="q_learning"):
-    """One-step Q-learning (thesis eq. 4.4)."""
-
-    alpha: Annotated[float, Meta(gt=0, le=1)] = 0.3
-    """Learning rate."""
-    gamma: Fraction = 0.95
-    """Discount factor."""
-
-
-class Sarsa(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="sarsa"):
-    """One-step SARSA (thesis eq. 4.5)."""
-
-    alpha: Annotated[float, Meta(gt=0, le=1)] = 0.3
-    """Learning rate."""
-    gamma: Fraction = 0.95
-    """Discount factor."""
-
-
-class Plugin(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="plugin"):
-    """A classifier or learner that an installed package registers by entry point (docs/extending.md)."""
-
-    name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9_-]{0,63}\Z")]
-    """The entry point's name, in the group ``treenail.classifiers`` or ``treenail.learners``."""
-    settings: Annotated[dict[str, Setting], Meta(max_length=100)] = {}
-    """Whatever it is to be told; it says itself what it takes."""
-
-
-class Greedy(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="greedy"):
-    """Always an action of the highest value; ties are drawn evenly."""
-
-
-class EpsilonGreedy(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="epsilon_greedy"):
-    """Thesis eq. 4.1 with constant epsilon."""
-
-    epsilon: Fraction = 0.1
-    """Chance of any action, whatever its value."""
-
-
-class EpsilonAnnealed(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="epsilon_annealed"):
-    """Thesis eqs. 4.1 and 4.2: epsilon = 1 / (mu * n + 1) in episode n."""
-
-    mu: NotNegative = 0.01
-    """How fast epsilon falls."""
-
-
-class Softmax(_Checked, frozen=True, kw_only=True, tag_field="kind", tag="softmax"):
-    """Gibbs distribution (thesis eq. 4.3) with beta = beta + beta_per_episode * n in episode n."""
-
-    beta: NotNegative = 4.0
-    """How much values count in the first episode."""
-    beta_per_episode: NotNegative = 0.3
-    """How much more they count in each episode after."""
-
-
-Reward = InsertionReward | ForceChangeReward
-ClassifierSettings = Art2Settings | Plugin
-TdSettings = QLearning | Sarsa
-LearnerSettings = TdSettings | Plugin
-TD_LEARNERS: Mapping[str, type[TdSettings]] = {"q_learning": QLearning, "sarsa": Sarsa}
-"""By their kind in a definition."""
-Policy = Greedy | EpsilonGreedy | EpsilonAnnealed | Softmax
-
-
-class Definition(_Checked, frozen=True, kw_only=True):
+class Definition(Checked, frozen=True, kw_only=True):
     """One experiment."""
 
     name: Annotated[str, Meta(pattern=r"^[a-z0-9][a-z0-9-]{0,63}\Z")]

@@ -9,7 +9,7 @@ import difflib
 import hashlib
 import re
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
@@ -29,6 +29,10 @@ _KEY = re.compile(r"^\s*([A-Za-z0-9_.]+)\s*=")
 _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<path>[^`]*)`)?$", re.DOTALL)
 _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`", re.DOTALL)
 _MAX_FILE_BYTES = 65_536
+_LATER: Mapping[str, object] = {
+    "limits.truncation": "terminal",
+}
+"""Keys that came later, as they are in plain types where all is as it was before there were such keys."""
 _USUAL_KINDS = {"classifier": "art2", "learner": "q_learning"}
 """What these tables are when they do not say so."""
 _MAX_LINE = 1000
@@ -121,9 +125,19 @@ def definition_sha256(definition: Definition) -> str:
     A key that came later is left out where it says what was done before there was one, so that runs keep their names.
     """
     fields = msgspec.to_builtins(definition)
-    if definition.limits.truncation == "terminal":
-        del fields["limits"]["truncation"]
+    for path, before in _LATER.items():
+        _drop(fields, path.split("."), before)
     return hashlib.sha256(msgspec.json.encode(fields, order="sorted")).hexdigest()
+
+
+def _drop(fields: dict[str, object], path: Sequence[str], before: object) -> None:
+    """Leave a key out where it has the value ``before``; a table that has no such key stays as it is."""
+    *tables, last = path
+    node: object = fields
+    for table in tables:
+        node = node.get(table) if isinstance(node, dict) else None
+    if isinstance(node, dict) and last in node and node[last] == before:
+        del node[last]
 
 
 def check_run(seed: int, episodes: int) -> None:

@@ -1,7 +1,7 @@
 """Every key of a definition with unit, range, default and meaning: docs/definition.md, and a file to begin with.
 
 ``python -m services.wire.definition_page`` prints the page. The meanings are what stands under the fields in
-``definition.py``, read from its source, so that they are there without docstrings too.
+``definition*.py``, read from their source, so that they are there without docstrings too.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def template(name: str) -> str:
 def _lines() -> Iterator[str]:
     yield "# The definition of an experiment"
     yield ""
-    yield "Generated from `services/wire/definition.py` by `make docs`; a test holds it to that."
+    yield "Generated from `services/wire/definition*.py` by `make docs`; a test holds it to that."
     yield "`treenail experiment new my.toml` writes a file with all of it to begin with; `--set start.x_mm=2.0`"
     yield "changes one key of any definition."
     yield "Units stand in the names. What contradicts something else in the file is refused, too, with the reason."
@@ -139,8 +139,10 @@ def _unit(name: str) -> str:
 
 @cache
 def _classes() -> dict[str, ast.ClassDef]:
-    source = (files("services.wire") / "definition.py").read_text(encoding="utf-8")
-    return {node.name: node for node in ast.parse(source).body if isinstance(node, ast.ClassDef)}
+    kinds = {kind for _, kinds in tables() for kind in kinds} | {Definition}
+    modules = {kind.__module__.rpartition(".")[2] for kind in kinds}
+    sources = [(files("services.wire") / f"{name}.py").read_text(encoding="utf-8") for name in modules]
+    return {node.name: node for source in sources for node in ast.parse(source).body if isinstance(node, ast.ClassDef)}
 
 
 def _doc(kind: type[Struct]) -> str:
