@@ -106,17 +106,12 @@ def _sweep(definition: Definition, seed: int, moves: int, *, in_contact: bool) -
     The arm makes them exactly: with its errors it would wander off the rim. Raises TreenailError when the peg is not
     where it should be.
     """
-    limits = replace(definition.limits, move_limit=definition.limits.move_limit + moves)
+    limits = replace(definition.limits, move_limit=3 * definition.limits.move_limit + moves)
     start = definition.start if in_contact else replace(definition.start, height_mm=20.0)
     cell = SimulatedCell(replace(definition, noise=Noise(), start=start, limits=limits), _RUN, seed)
     tilt = {"rx_deg": start.rx_deg, "ry_deg": start.ry_deg, "rz_deg": start.rz_deg}
     cell.home(Home(run=_RUN, episode=0, x_mm=start.x_mm, y_mm=start.y_mm, z_mm=-start.height_mm, **tilt))
-    step, felt_n = 0, 0.0
-    while in_contact and felt_n < 2 * limits.contact_force_n:
-        step += 1
-        felt_n = _force(cell.move(Move(run=_RUN, episode=0, step=step, dz_mm=definition.moves.insertion_mm))[1])
-        if step > limits.move_limit:
-            raise TreenailError(f"bench: expected contact within {limits.move_limit} moves, felt {felt_n:g} N")
+    step = _press(cell, definition) if in_contact else 0
     size_mm = definition.moves.lateral_mm
     sweep = [
         Move(run=_RUN, episode=0, step=step + n, dx_mm=size_mm if n % 2 else -size_mm) for n in range(1, moves + 1)
@@ -128,6 +123,23 @@ def _sweep(definition: Definition, seed: int, moves: int, *, in_contact: bool) -
     if touching != (moves if in_contact else 0):
         raise TreenailError(f"bench: expected {'all' if in_contact else 'no'} moves in contact, got {touching}")
     return seconds
+
+
+def _press(cell: SimulatedCell, definition: Definition) -> int:
+    """Go down until both ends of the sweep press on the rim, and return the number of moves that it took.
+
+    Raises TreenailError when they do not within an episode's moves.
+    """
+    limits, size_mm = definition.limits, definition.moves.lateral_mm
+    step, felt_n = 0, [0.0]
+    for _ in range(limits.move_limit):
+        felt_n = []
+        for motion in ({"dz_mm": definition.moves.insertion_mm}, {"dx_mm": size_mm}, {"dx_mm": -size_mm}):
+            step += 1
+            felt_n.append(_force(cell.move(Move(run=_RUN, episode=0, step=step, **motion))[1]))
+        if min(felt_n) >= 2 * limits.contact_force_n:
+            return step
+    raise TreenailError(f"bench: expected contact within {limits.move_limit} moves down, felt {min(felt_n):g} N")
 
 
 def _force(packet: FtPacket) -> float:

@@ -25,10 +25,14 @@ class Arm:
         """Return the increment [mm, deg] that the arm really makes, in the tool frame."""
         if self._exact:
             return commanded
-        draw = generator(self._seed, Role.ARM_ERROR, episode, step).standard_normal(6).tolist()
-        shift = [
-            value + (self._along_mm if value else self._across_mm) * z
-            for value, z in zip(commanded[:3], draw[:3], strict=True)
-        ]
-        turn = [value + self._turn_deg * z for value, z in zip(commanded[3:], draw[3:], strict=True)]
-        return Increment(*shift, *turn)
+        x, y, z, rx, ry, rz = commanded
+        along_mm, across_mm, turn_deg = self._along_mm, self._across_mm, self._turn_deg
+        ex, ey, ez, erx, ery, erz = generator(self._seed, Role.ARM_ERROR, episode, step).standard_normal(6).tolist()
+        return Increment(
+            x + (along_mm if x else across_mm) * ex,
+            y + (along_mm if y else across_mm) * ey,
+            z + (along_mm if z else across_mm) * ez,
+            rx + turn_deg * erx,
+            ry + turn_deg * ery,
+            rz + turn_deg * erz,
+        )

@@ -100,10 +100,11 @@ class SimulatedCell:
         force_error_n, torque_error_nm = self._force_error_n, self._torque_error_nm
         if force_error_n == 0.0 and torque_error_nm == 0.0:
             return reading.force_n, reading.torque_nm
-        draw = generator(self._seed, Role.SENSOR_NOISE, episode, step).standard_normal(6).tolist()
-        fx, fy, fz = (value + force_error_n * z for value, z in zip(reading.force_n, draw[:3], strict=True))
-        tx, ty, tz = (value + torque_error_nm * z for value, z in zip(reading.torque_nm, draw[3:], strict=True))
-        return (fx, fy, fz), (tx, ty, tz)
+        fx, fy, fz = reading.force_n
+        tx, ty, tz = reading.torque_nm
+        ex, ey, ez, ea, eb, ec = generator(self._seed, Role.SENSOR_NOISE, episode, step).standard_normal(6).tolist()
+        force = (fx + force_error_n * ex, fy + force_error_n * ey, fz + force_error_n * ez)
+        return force, (tx + torque_error_nm * ea, ty + torque_error_nm * eb, tz + torque_error_nm * ec)
 
 
 def _counts(sensor: Sensor) -> FtCounts | None:

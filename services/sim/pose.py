@@ -55,8 +55,12 @@ class Pose(NamedTuple):
 
     def point(self, along_mm: float) -> Vector:
         """Point of the tool's Z axis, ``along_mm`` from the tip towards insertion, in the hole frame [mm]."""
-        ax, ay, az = axis(self.orientation)
-        return (self.x_mm + along_mm * ax, self.y_mm + along_mm * ay, self.z_mm + along_mm * az)
+        px, py, pz, w, x, y, z = self
+        return (
+            px + along_mm * (2.0 * (x * z + w * y)),
+            py + along_mm * (2.0 * (y * z - w * x)),
+            pz + along_mm * (1.0 - 2.0 * (x * x + y * y)),
+        )
 
 
 def require_finite(subject: str, values: tuple[float, ...]) -> None:
@@ -140,7 +144,19 @@ def between(start: Pose, end: Pose, fraction: float) -> Pose:
     Meant for the small angles of one increment, where the normalised linear blend of quaternions is that rate.
     """
     keep = 1.0 - fraction
-    sign = 1.0 if sum(a * b for a, b in zip(start[3:], end[3:], strict=True)) >= 0.0 else -1.0
-    w, x, y, z = (keep * a + fraction * sign * b for a, b in zip(start[3:], end[3:], strict=True))
-    px, py, pz = (keep * a + fraction * b for a, b in zip(start[:3], end[:3], strict=True))
-    return Pose(px, py, pz, *normalised((w, x, y, z)))
+    x0, y0, z0, qw0, qx0, qy0, qz0 = start
+    x1, y1, z1, qw1, qx1, qy1, qz1 = end
+    # Written out, as this is done for every time step of the physics.
+    blend = fraction if qw0 * qw1 + qx0 * qx1 + qy0 * qy1 + qz0 * qz1 >= 0.0 else -fraction
+    qw, qx = keep * qw0 + blend * qw1, keep * qx0 + blend * qx1
+    qy, qz = keep * qy0 + blend * qy1, keep * qz0 + blend * qz1
+    size = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
+    return Pose(
+        keep * x0 + fraction * x1,
+        keep * y0 + fraction * y1,
+        keep * z0 + fraction * z1,
+        qw / size,
+        qx / size,
+        qy / size,
+        qz / size,
+    )

@@ -201,29 +201,38 @@ class World:
             np.array([(b - a) / duration for a, b in zip(begin, end, strict=True)], dtype=np.float32),
             np.array([component / duration for component in path], dtype=np.float32),
         )
-        for i in range(1, steps + 1):
-            drive.set_drive_target(self._anchor(between(start, target, i / steps) if i < steps else target))
+        aim, anchor_mm = drive.set_drive_target, self._anchor_mm
+        for i in range(1, steps):
+            passed = between(start, target, i / steps)
+            aim(sapien.Pose(passed.point(anchor_mm), passed[3:]))
             step()
+        aim(sapien.Pose(end, target[3:]))
+        step()
         drive.set_drive_velocity_target(AT_REST, AT_REST)
 
     def _settle(self) -> None:
         """Step until the peg stands still, or has had the time that it needs to."""
-        step = self._system.step
-        before = self._pose_now()
+        step, body = self._system.step, self._body
+        x, y, z, w, i, j, k = _numbers(body)
         for _ in range(SETTLE_STEPS // LOOK_EVERY):
             for _ in range(LOOK_EVERY):
                 step()
-            now = self._pose_now()
-            moved = max(abs(now[i] - before[i]) for i in (0, 1, 2))
-            turned = max(abs(now[i] - before[i]) for i in (3, 4, 5, 6))
-            if moved <= STILL_MM and turned <= STILL_TURN:
+            now_x, now_y, now_z, now_w, now_i, now_j, now_k = now = _numbers(body)
+            if (
+                abs(now_x - x) <= STILL_MM
+                and abs(now_y - y) <= STILL_MM
+                and abs(now_z - z) <= STILL_MM
+                and abs(now_w - w) <= STILL_TURN
+                and abs(now_i - i) <= STILL_TURN
+                and abs(now_j - j) <= STILL_TURN
+                and abs(now_k - k) <= STILL_TURN
+            ):
                 return
-            before = now
+            x, y, z, w, i, j, k = now
 
     def _pose_now(self) -> Pose:
         """Pose of the peg in the physics."""
-        pose = self._body.entity_pose
-        return Pose(*pose.p.tolist(), *pose.q.tolist())
+        return Pose(*_numbers(self._body))
 
     def _load(self) -> tuple[Vector, Vector]:
         """The spring's load now: force [N] and torque [N m] on the peg by its surroundings, in the flange's tool frame.
@@ -239,6 +248,15 @@ class World:
         force = (shift[0] * newton, shift[1] * newton, shift[2] * newton)
         torque = (turn[0] * newton_metre, turn[1] * newton_metre, turn[2] * newton_metre)
         return force, torque
+
+
+def _numbers(body: physx.PhysxRigidDynamicComponent) -> tuple[float, ...]:
+    """Return position [mm] and quaternion (w, x, y, z) of a body, shape (7,).
+
+    A pose's state is the same seven numbers as its ``p`` and ``q``, without two arrays made on the way.
+    """
+    numbers: tuple[float, ...] = body.entity_pose.__getstate__()
+    return numbers
 
 
 def _sapien_pose(pose: Pose) -> sapien.Pose:
