@@ -12,7 +12,7 @@ from services.rules.motions import GuardError
 from services.sim.cell import SimulatedCell
 from services.task.insertion import Insertion
 from services.wire.actions import INSERT
-from services.wire.definition import Definition
+from services.wire.definition import SPREADS, Definition
 from services.wire.definition_file import run_id
 from services.wire.errors import TreenailError
 from services.wire.messages import Action, EpisodeSummary, Observation
@@ -47,8 +47,7 @@ class Rehearsal:
         """
         start, noise = definition.start, definition.noise
         for name, spread in (
-            ("start.xy_spread_mm", start.xy_spread_mm),
-            ("start.tilt_spread_deg", start.tilt_spread_deg),
+            *((f"start.{name}", getattr(start, name)) for name in SPREADS),
             *((f"noise.{name}", noise.scale * getattr(noise, name)) for name in _ERRORS),
         ):
             if spread != 0.0:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from services.bus.ports import free_port
-from services.wire.definition import Definition, Sensor
+from services.wire.definition import SPREADS, Definition, Sensor
 from services.wire.errors import CellError
 
 LINKS = ("terminal", "supervisory")
@@ -48,7 +48,7 @@ def overrides(definition: Definition) -> Sequence[str]:
 
     Raises CellError for start poses that a line of text does not carry to the last bit: the run would be another one.
     """
-    for name in ("xy_spread_mm", "tilt_spread_deg"):
+    for name in SPREADS:
         if spread := getattr(definition.start, name):
             raise CellError(f"start.{name}: expected 0 with `treenail up hil`, a line carries 5 decimals, got {spread}")
     return () if definition.sensor.full_scale_n else FULL_SCALES

@@ -41,14 +41,14 @@ class Guard:
     def __init__(self, definition: Definition, oldest_s: float = OLDEST_S) -> None:
         """Take the limits from a definition; an F/T sample may be ``oldest_s`` seconds old."""
         start, moves, limits = definition.start, definition.moves, definition.limits
-        xy, tilt = start.xy_spread_mm, start.tilt_spread_deg
+        x_mm, y_mm, rx_deg, ry_deg, rz_deg = start.spreads
         self._starts = {
-            "x_mm": (start.x_mm - xy, start.x_mm + xy),
-            "y_mm": (start.y_mm - xy, start.y_mm + xy),
+            "x_mm": (start.x_mm - x_mm, start.x_mm + x_mm),
+            "y_mm": (start.y_mm - y_mm, start.y_mm + y_mm),
             "z_mm": (-start.height_mm, -start.height_mm),
-            "rx_deg": (start.rx_deg - tilt, start.rx_deg + tilt),
-            "ry_deg": (start.ry_deg - tilt, start.ry_deg + tilt),
-            "rz_deg": (start.rz_deg - tilt, start.rz_deg + tilt),
+            "rx_deg": (start.rx_deg - rx_deg, start.rx_deg + rx_deg),
+            "ry_deg": (start.ry_deg - ry_deg, start.ry_deg + ry_deg),
+            "rz_deg": (start.rz_deg - rz_deg, start.rz_deg + rz_deg),
         }
         turn_z = moves.rotation_deg if moves.actions == 11 else 0.0
         turn = moves.rotation_deg if moves.actions >= 9 else 0.0

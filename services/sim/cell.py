@@ -15,6 +15,7 @@ from services.rules.ft_counts import FtCounts
 from services.rules.guard import increment_of
 from services.rules.motions import GuardError, Robot
 from services.sim.arm import Arm
+from services.sim.mount import Mount
 from services.sim.pose import Pose
 from services.sim.world import Reading, World
 from services.wire.actions import Increment
@@ -38,6 +39,7 @@ class SimulatedCell:
         self._force_error_n, self._torque_error_nm = noise.scale * noise.force_n, noise.scale * noise.torque_nm
         self._counts = _counts(definition.sensor)
         self._arm = Arm(noise, seed)
+        self._mount = Mount(definition.wrist, seed)
         self._robot = Robot(definition, run)
         self._seed = seed
         self._packet: FtPacket | None = None
@@ -98,10 +100,11 @@ class SimulatedCell:
 
     def _sense(self, reading: Reading, episode: int, step: int) -> tuple[Force, Torque]:
         force_error_n, torque_error_nm = self._force_error_n, self._torque_error_nm
+        force_n, torque_nm = self._mount.seen(reading.force_n), self._mount.seen(reading.torque_nm)
         if force_error_n == 0.0 and torque_error_nm == 0.0:
-            return reading.force_n, reading.torque_nm
-        fx, fy, fz = reading.force_n
-        tx, ty, tz = reading.torque_nm
+            return force_n, torque_nm
+        fx, fy, fz = force_n
+        tx, ty, tz = torque_nm
         ex, ey, ez, ea, eb, ec = generator(self._seed, Role.SENSOR_NOISE, episode, step).standard_normal(6).tolist()
         force = (fx + force_error_n * ex, fy + force_error_n * ey, fz + force_error_n * ez)
         return force, (tx + torque_error_nm * ea, ty + torque_error_nm * eb, tz + torque_error_nm * ec)

@@ -100,16 +100,17 @@ class Insertion:
         self._now = self._blank(episode, first_decision, known_in(swaps, episode))
         start = self._definition.start
         low, high = -1.0, 1.0
-        spread = generator(self._seed, Role.START_POSE, episode, 0).uniform(low, high, size=5).tolist()
+        drawn = generator(self._seed, Role.START_POSE, episode, 0).uniform(low, high, size=5).tolist()
+        dx, dy, rx, ry, rz = (half * part for half, part in zip(start.spreads, drawn, strict=True))
         return Home(
             run=self._run,
             episode=episode,
-            x_mm=start.x_mm + start.xy_spread_mm * spread[0],
-            y_mm=start.y_mm + start.xy_spread_mm * spread[1],
+            x_mm=start.x_mm + dx,
+            y_mm=start.y_mm + dy,
             z_mm=-start.height_mm,
-            rx_deg=start.rx_deg + start.tilt_spread_deg * spread[2],
-            ry_deg=start.ry_deg + start.tilt_spread_deg * spread[3],
-            rz_deg=start.rz_deg + start.tilt_spread_deg * spread[4],
+            rx_deg=start.rx_deg + rx,
+            ry_deg=start.ry_deg + ry,
+            rz_deg=start.rz_deg + rz,
         )
 
     def feel(self, moved: Moved, force_n: Force, torque_nm: Torque) -> Felt:

@@ -71,6 +71,14 @@ class Wrist(Checked, frozen=True, kw_only=True):
     """Rotational stiffness about each axis."""
     sensor_height_mm: Annotated[float, Meta(ge=0, le=500)] = 130.0
     """Distance from the peg's tip back to the sensor: torques refer to this point, and the wrist gives way in it."""
+    sensor_mount: Literal["given", "unknown"] = "given"
+    """How the sensor's axes stand to the tool's: by the three angles below, or turned in a way drawn for each run."""
+    sensor_rx_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
+    """Turn of the sensor's axes in the tool frame, R = Rz Ry Rx: what is read is the load along the turned axes."""
+    sensor_ry_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
+    """The same about Y."""
+    sensor_rz_deg: Annotated[float, Meta(ge=-180, le=180)] = 0.0
+    """The same about Z."""
 
 
 class Noise(Checked, frozen=True, kw_only=True):
@@ -118,6 +126,32 @@ class Start(Checked, frozen=True, kw_only=True):
     """Half width of a uniform random offset added to x and to y in each episode."""
     tilt_spread_deg: Annotated[float, Meta(ge=0, le=10)] = 0.0
     """Half width of a uniform random offset added to each of the three angles in each episode."""
+    x_spread_mm: Annotated[float, Meta(ge=0, le=10)] = 0.0
+    """What is added to ``xy_spread_mm`` for x alone."""
+    y_spread_mm: Annotated[float, Meta(ge=0, le=10)] = 0.0
+    """The same for y alone."""
+    rx_spread_deg: Annotated[float, Meta(ge=0, le=10)] = 0.0
+    """What is added to ``tilt_spread_deg`` for the tilt about X alone."""
+    ry_spread_deg: Annotated[float, Meta(ge=0, le=10)] = 0.0
+    """The same about Y."""
+    rz_spread_deg: Annotated[float, Meta(ge=0, le=10)] = 0.0
+    """The same for the turn about the peg."""
+
+    @property
+    def spreads(self) -> tuple[float, float, float, float, float]:
+        """Half widths of the random offsets of x, y [mm], rx, ry and rz [deg]."""
+        xy, tilt = self.xy_spread_mm, self.tilt_spread_deg
+        return (
+            xy + self.x_spread_mm,
+            xy + self.y_spread_mm,
+            tilt + self.rx_spread_deg,
+            tilt + self.ry_spread_deg,
+            tilt + self.rz_spread_deg,
+        )
+
+
+SPREADS = tuple(name for name in Start.__struct_fields__ if "_spread_" in name)
+"""The keys of a start that make it a random one."""
 
 
 class Moves(Checked, frozen=True, kw_only=True):

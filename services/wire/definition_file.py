@@ -31,6 +31,15 @@ _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`", re.DOTALL)
 _MAX_FILE_BYTES = 65_536
 _LATER: Mapping[str, object] = {
     "limits.truncation": "terminal",
+    "start.x_spread_mm": 0.0,
+    "start.y_spread_mm": 0.0,
+    "start.rx_spread_deg": 0.0,
+    "start.ry_spread_deg": 0.0,
+    "start.rz_spread_deg": 0.0,
+    "wrist.sensor_mount": "given",
+    "wrist.sensor_rx_deg": 0.0,
+    "wrist.sensor_ry_deg": 0.0,
+    "wrist.sensor_rz_deg": 0.0,
 }
 """Keys that came later, as they are in plain types where all is as it was before there were such keys."""
 _USUAL_KINDS = {"classifier": "art2", "learner": "q_learning"}

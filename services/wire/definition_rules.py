@@ -22,7 +22,8 @@ def contradiction(definition: Definition) -> tuple[str, str] | None:
     inputs = 6 if encoding == "odd" else 12
     height_mm, dip_mm = definition.start.height_mm, _dip_mm(definition)
     room_mm = parts.clearance_mm + parts.chamfer_mm - max(0.0, dip_mm - height_mm)
-    stiffness = definition.contact.stiffness_n_per_mm
+    stiffness, wrist = definition.contact.stiffness_n_per_mm, definition.wrist
+    mount = (wrist.sensor_rx_deg, wrist.sensor_ry_deg, wrist.sensor_rz_deg)
     rules = (
         (
             limits.contact_force_n < limits.collision_force_n,
@@ -55,6 +56,11 @@ def contradiction(definition: Definition) -> tuple[str, str] | None:
             f"expected 0 if and only if sensor.full_scale_n = {sensor.full_scale_n} is, got {sensor.full_scale_dnm}",
         ),
         (
+            wrist.sensor_mount == "given" or mount == (0.0, 0.0, 0.0),
+            "wrist.sensor_mount",
+            f"expected 'given' with angles of the sensor, got {wrist.sensor_mount!r} and {mount}",
+        ),
+        (
             sensor.full_scale_n == 0 or sensor.full_scale_n >= limits.hard_force_n,
             "sensor.full_scale_n",
             f"expected 0 or at least limits.hard_force_n = {limits.hard_force_n}, got {sensor.full_scale_n}",
@@ -71,8 +77,9 @@ def contradiction(definition: Definition) -> tuple[str, str] | None:
 def _dip_mm(definition: Definition) -> float:
     """Return how far the edge of the most tilted tip that an episode may start with is below the tip's centre."""
     parts, start = definition.parts, definition.start
-    rx = math.radians(abs(start.rx_deg) + start.tilt_spread_deg)
-    ry = math.radians(abs(start.ry_deg) + start.tilt_spread_deg)
+    _, _, rx_spread_deg, ry_spread_deg, _ = start.spreads
+    rx = math.radians(abs(start.rx_deg) + rx_spread_deg)
+    ry = math.radians(abs(start.ry_deg) + ry_spread_deg)
     slope_x, slope_y = math.sin(ry), math.cos(ry) * math.sin(rx)
     reach = math.hypot(slope_x, slope_y) if parts.shape == "round" else slope_x + slope_y
     return parts.peg_width_mm / 2 * reach
@@ -81,10 +88,11 @@ def _dip_mm(definition: Definition) -> float:
 def _aside_mm(definition: Definition) -> float:
     """Return how far the tip that an episode starts with can reach beyond a centred one, across the hole."""
     parts, start = definition.parts, definition.start
-    x_mm, y_mm = abs(start.x_mm) + start.xy_spread_mm, abs(start.y_mm) + start.xy_spread_mm
+    x_spread_mm, y_spread_mm, _, _, rz_spread_deg = start.spreads
+    x_mm, y_mm = abs(start.x_mm) + x_spread_mm, abs(start.y_mm) + y_spread_mm
     if parts.shape == "round":
         return math.hypot(x_mm, y_mm)
-    turn = math.radians(abs(start.rz_deg) + start.tilt_spread_deg)
+    turn = math.radians(abs(start.rz_deg) + rz_spread_deg)
     return max(x_mm, y_mm) + parts.peg_width_mm / 2 * (math.cos(turn) + math.sin(turn) - 1.0)
 
 

@@ -16,6 +16,7 @@ class Role(IntEnum):
     SENSOR_NOISE = 2
     POLICY = 3
     ARM_ERROR = 4
+    SENSOR_MOUNT = 5
 
 
 def generator(seed: int, role: Role, episode: int, step: int) -> np.random.Generator:

@@ -124,7 +124,7 @@ class Enemy:
         """Return a start pose that no episode begins with."""
         start = self.definition.start
         name = str(self.dice.choice(["x_mm", "y_mm", "z_mm", "rx_deg", "ry_deg", "rz_deg"]))
-        spread = max(start.xy_spread_mm, start.tilt_spread_deg)
+        spread = max(start.spreads)
         far = float(self.dice.choice([1e-3, 1.0, 10.0, 300.0])) * float(self.dice.choice([-1.0, 1.0]))
         middle = -start.height_mm if name == "z_mm" else getattr(start, name)
         return replace(self.home, episode=self.episode + 1, **{name: middle + far + math.copysign(2 * spread, far)})

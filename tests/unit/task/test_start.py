@@ -7,6 +7,7 @@ from typing import Any
 
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from services.task.insertion import Insertion
 from services.wire.definition import Definition, Start
@@ -59,3 +60,32 @@ def test_a_spread_start_depends_on_seed_and_episode_only(bench: Make) -> None:
     assert used.home(7, 99) == fresh.home(7, 0)
     assert pose_of(fresh.home(7)) != pose_of(fresh.home(8))
     assert pose_of(bench(start=SPREAD, seed=4).home(7)) != pose_of(fresh.home(7))
+
+
+APART = Start(
+    x_mm=0.0,
+    y_mm=0.0,
+    rx_deg=0.0,
+    ry_deg=0.0,
+    xy_spread_mm=0.5,
+    tilt_spread_deg=1.0,
+    y_spread_mm=1.5,
+    rz_spread_deg=4.0,
+)
+
+
+def test_one_axis_can_be_spread_more_than_the_others(exact: Make) -> None:
+    assert APART.spreads == (0.5, 2.0, 1.0, 1.0, 5.0)
+    task = Insertion(exact(start=APART), RUN, 0)
+    poses = [pose_of(task.home(episode, 0)) for episode in range(300)]
+    for axis, half in ((0, 0.5), (1, 2.0), (3, 1.0), (4, 1.0), (5, 5.0)):
+        values = [abs(pose[axis]) for pose in poses]
+        assert 0.95 * half < max(values) <= half
+
+
+def test_an_axis_of_its_own_does_not_change_the_others(exact: Make) -> None:
+    both, apart = (
+        Insertion(exact(start=start), RUN, 0).home(7, 0) for start in (SPREAD, replace(SPREAD, rz_spread_deg=1))
+    )
+    assert replace(apart, rz_deg=both.rz_deg) == both
+    assert apart.rz_deg == 1.5 * both.rz_deg

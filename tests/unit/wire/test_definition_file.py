@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 import math
 import re
@@ -21,12 +22,13 @@ from services.wire.definition import (
     ForceChangeReward,
     Greedy,
     InsertionReward,
+    Limits,
     Moves,
     Noise,
     Softmax,
     Start,
 )
-from services.wire.definition_file import definition_sha256, find, load, run_id, shipped
+from services.wire.definition_file import _LATER, definition_sha256, find, load, run_id, shipped
 from services.wire.errors import DefinitionError
 
 Write = Callable[[str], str]
@@ -193,6 +195,16 @@ WRONG = [
         'name = "mine"\n[start]\ntilt_spread_deg = 5.0\n[parts]\nchamfer_mm = 0.0\n',
         2,
         "start.height_mm: expected more than 1.870, or the tilted tip starts inside the material, got 1.0",
+    ),
+    (
+        'name = "mine"\n[wrist]\nsensor_rx_deg = 3.0\nsensor_mount = "unknown"\n',
+        4,
+        "wrist.sensor_mount: expected 'given' with angles of the sensor, got 'unknown' and (3.0, 0.0, 0.0)",
+    ),
+    (
+        'name = "mine"\n[start]\nrx_spread_deg = 5.0\n[parts]\nchamfer_mm = 0.0\n',
+        2,
+        "start.height_mm: expected more than 1.471, or the tilted tip starts inside the material, got 1.0",
     ),
     (
         'name = "mine"\n[contact]\nstiffness_n_per_mm = 0.2\n',
@@ -415,3 +427,12 @@ def test_a_run_is_named_by_definition_and_seed() -> None:
 def test_a_run_from_before_truncation_could_be_chosen_keeps_its_name() -> None:
     assert run_id(load("initial"), 0) == "2adc2fda3e14bee3-s0"
     assert run_id(load("initial", ("limits.truncation=untaught",)), 0) != "2adc2fda3e14bee3-s0"
+
+
+def test_a_key_that_came_later_is_left_out_of_the_hash_where_it_says_what_was_done_before() -> None:
+    before = Definition(name="mine", limits=Limits(truncation="terminal"))
+    fields = msgspec.to_builtins(before)
+    for key, value in _LATER.items():
+        table, _, name = key.partition(".")
+        assert fields[table].pop(name) == value, key
+    assert definition_sha256(before) == hashlib.sha256(msgspec.json.encode(fields, order="sorted")).hexdigest()
