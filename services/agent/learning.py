@@ -13,9 +13,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from services.agent.policies import pick, probabilities
+from services.agent.policies import choose, probabilities
 from services.wire.definition import Policy, Sarsa, TdSettings
-from services.wire.randomness import MAX_SEED, Role, generator
+from services.wire.randomness import MAX_SEED, Draws, Role
 
 MAX_STATES = 1_000_000
 """States are numbered below this: a wrong number is refused rather than given gigabytes of zeros."""
@@ -36,7 +36,7 @@ class Learner:
             raise ValueError(f"seed: expected 0 to {MAX_SEED}, got {seed}")
         self._learner = learner
         self._policy = policy
-        self._seed = seed
+        self._draws = Draws(seed, Role.POLICY)
         self._blank = np.zeros(actions)
         # Both grow by doubling; only the first `_states` rows count.
         self._q = np.zeros((0, actions))
@@ -91,11 +91,8 @@ class Learner:
         ValueError when a number is out of range.
         """
         _check_time(episode, step)
-        chances = self.chances(state, episode)
-        certain = chances.nonzero()[0]
-        if certain.size == 1:  # a draw could not change it, and costs more than all the rest
-            return int(certain[0])
-        return pick(chances, generator(self._seed, Role.POLICY, episode, step).random())
+        values: list[float] = self._row(state).tolist()
+        return choose(values, self._policy, self.episodes_before + episode, self._draws.at(episode, step).random())
 
     def best_action(self, state: int) -> int:
         """Return an action of the highest value in ``state``, the lowest-numbered one of several."""
@@ -129,7 +126,8 @@ class Learner:
         """
         row = self._row(state)
         if not isinstance(self._learner, Sarsa):
-            return float(row.max())
+            values: list[float] = row.tolist()
+            return max(values)
         if action is None:
             raise ValueError(f"SARSA: expected the action taken in next state {state}, got none")
         return float(row[self._valid_action(action, "next action")])

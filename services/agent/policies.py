@@ -2,14 +2,29 @@
 
 Pure functions of their arguments. The random number comes in as an argument, so that whoever calls decides what it
 depends on.
+
+What is drawn is the same on every machine, though exponentials differ in their last bit between processors and
+libraries: where that bit could matter, some 1 in 10**11 draws, ``choose`` works with 100 digits.
 """
 
 from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
+from decimal import Context, Decimal
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
 from services.wire.definition import EpsilonAnnealed, EpsilonGreedy, Greedy, Policy, Softmax
+
+_CLOSE = 1e-12
+"""Part of the whole within which a draw is not trusted to doubles; they err by less than a hundredth of it."""
+_NEVER = -700.0
+"""Exponents below this are chances of exactly 0, as they nearly are in doubles."""
+_DIGITS = Context(prec=100)
 
 
 def probabilities(values: NDArray[np.float64], policy: Policy, episode: int) -> NDArray[np.float64]:
@@ -19,8 +34,7 @@ def probabilities(values: NDArray[np.float64], policy: Policy, episode: int) -> 
     share the highest value share the greedy probability evenly (thesis eqs. 4.1 to 4.3). ValueError when ``values``
     is not such a row or ``episode`` is negative.
     """
-    if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
-        raise ValueError(f"action values: expected a row of one or more finite numbers, got {values!r}")
+    _check_row(values)
     if episode < 0:
         raise ValueError(f"episode: expected 0 or more, got {episode}")
     if isinstance(policy, Softmax):
@@ -46,7 +60,46 @@ def select(values: NDArray[np.float64], policy: Policy, episode: int, uniform: f
 
     Raises ValueError as ``probabilities`` and ``pick`` do.
     """
-    return pick(probabilities(values, policy, episode), uniform)
+    _check_row(values)
+    return choose(values.tolist(), policy, episode, uniform)
+
+
+def choose(values: Sequence[float], policy: Policy, episode: int, uniform: float) -> int:
+    """Return what ``select`` does for a row of one or more finite numbers; ValueError for the other arguments."""
+    if not 0.0 <= uniform <= 1.0:
+        raise ValueError(f"uniform random number: expected 0 to 1, got {uniform}")
+    if episode < 0:
+        raise ValueError(f"episode: expected 0 or more, got {episode}")
+    best = max(values)
+    if isinstance(policy, Softmax):
+        half, doubled = best / 2.0, 2.0 * (policy.beta + policy.beta_per_episode * episode)  # see _gibbs
+        return _drawn([doubled * (value / 2.0 - half) for value in values], uniform)
+    epsilon = _epsilon(policy, episode)
+    least = epsilon / len(values)
+    most = least + (1.0 - epsilon) / values.count(best)
+    sums = list(accumulate(most if value == best else least for value in values))
+    index = bisect_right(sums, uniform)
+    # Where rounding leaves the sum short: the last that has a chance.
+    return index if index < len(sums) else bisect_left(sums, sums[-1])
+
+
+def _drawn(exponents: Sequence[float], uniform: float) -> int:
+    """Return the index that ``uniform`` falls on when each weighs e to its exponent, of which the greatest is 0."""
+    sums = list(accumulate(map(math.exp, exponents)))
+    total = sums[-1]
+    at, room = uniform * total, _CLOSE * total
+    index = bisect_right(sums, at)
+    if index < len(sums) and sums[index] - at > room and (index == 0 or at - sums[index - 1] > room):
+        return index
+    weights = [Decimal(value).exp(_DIGITS) if value >= _NEVER else Decimal(0) for value in exponents]
+    exact = list(accumulate(weights, _DIGITS.add))
+    index = bisect_right(exact, _DIGITS.multiply(Decimal(uniform), exact[-1]))
+    return index if index < len(exact) else bisect_left(exact, exact[-1])
+
+
+def _check_row(values: NDArray[np.float64]) -> None:
+    if values.ndim != 1 or values.size == 0 or not np.isfinite(values).all():
+        raise ValueError(f"action values: expected a row of one or more finite numbers, got {values!r}")
 
 
 def _epsilon(policy: Greedy | EpsilonGreedy | EpsilonAnnealed, episode: int) -> float:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from services.wire.actions import Increment
 from services.wire.definition import Noise
-from services.wire.randomness import Role, generator
+from services.wire.randomness import Draws, Role
 
 
 class Arm:
@@ -18,7 +18,7 @@ class Arm:
         self._along_mm = noise.scale * noise.along_mm
         self._across_mm = noise.scale * noise.across_mm
         self._turn_deg = noise.scale * noise.turn_deg
-        self._seed = seed
+        self._draws = Draws(seed, Role.ARM_ERROR)
         self._exact = self._along_mm == self._across_mm == self._turn_deg == 0.0
 
     def executed(self, commanded: Increment, episode: int, step: int) -> Increment:
@@ -27,7 +27,7 @@ class Arm:
             return commanded
         x, y, z, rx, ry, rz = commanded
         along_mm, across_mm, turn_deg = self._along_mm, self._across_mm, self._turn_deg
-        ex, ey, ez, erx, ery, erz = generator(self._seed, Role.ARM_ERROR, episode, step).standard_normal(6).tolist()
+        ex, ey, ez, erx, ery, erz = self._draws.at(episode, step).standard_normal(6).tolist()
         return Increment(
             x + (along_mm if x else across_mm) * ex,
             y + (along_mm if y else across_mm) * ey,

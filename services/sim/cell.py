@@ -21,7 +21,7 @@ from services.sim.world import Reading, World
 from services.wire.actions import Increment
 from services.wire.definition import Definition, Sensor
 from services.wire.messages import Force, FtPacket, Home, Move, Moved, Torque
-from services.wire.randomness import Role, generator
+from services.wire.randomness import Draws, Role
 
 MOTION_NS = 20_000_000
 """Simulated time that one motion takes."""
@@ -41,7 +41,7 @@ class SimulatedCell:
         self._arm = Arm(noise, seed)
         self._mount = Mount(definition.wrist, seed)
         self._robot = Robot(definition, run)
-        self._seed = seed
+        self._draws = Draws(seed, Role.SENSOR_NOISE)
         self._packet: FtPacket | None = None
         """Felt after the last motion."""
 
@@ -105,7 +105,7 @@ class SimulatedCell:
             return force_n, torque_nm
         fx, fy, fz = force_n
         tx, ty, tz = torque_nm
-        ex, ey, ez, ea, eb, ec = generator(self._seed, Role.SENSOR_NOISE, episode, step).standard_normal(6).tolist()
+        ex, ey, ez, ea, eb, ec = self._draws.at(episode, step).standard_normal(6).tolist()
         force = (fx + force_error_n * ex, fy + force_error_n * ey, fz + force_error_n * ez)
         return force, (tx + torque_error_nm * ea, ty + torque_error_nm * eb, tz + torque_error_nm * ec)
 

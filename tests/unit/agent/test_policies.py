@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.agent.policies import pick, probabilities, select
+from services.agent.policies import choose, pick, probabilities, select
 from services.wire.definition import EpsilonAnnealed, EpsilonGreedy, Greedy, Policy, Softmax
 
 POLICIES: list[Policy] = [
@@ -85,6 +85,37 @@ def test_select_never_returns_an_impossible_action(
 ) -> None:
     values = np.array(row)
     assert probabilities(values, policy, episode)[select(values, policy, episode, uniform)] > 0
+
+
+@given(ROWS, st.sampled_from(POLICIES), st.integers(0, 1000), st.floats(0, 1))
+def test_select_draws_from_the_probabilities(row: list[float], policy: Policy, episode: int, uniform: float) -> None:
+    values = np.array(row)
+    chances = probabilities(values, policy, episode)
+    if np.abs(chances.cumsum() - uniform).min() > 1e-12:
+        assert select(values, policy, episode, uniform) == pick(chances, uniform)
+
+
+def test_softmax_draws_alike_with_exponentials_that_differ_in_the_last_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    policy = Softmax(beta=3.0, beta_per_episode=0.0)
+    rows = np.random.default_rng(2).normal(size=(30, 9)).tolist()
+    on_the_edge = [
+        (row, uniform)
+        for row in rows
+        for edge in probabilities(np.array(row), policy, 0).cumsum().tolist()[:-1]
+        for uniform in (edge, math.nextafter(edge, 0.0), math.nextafter(edge, 1.0))
+    ]
+    here = [choose(row, policy, 0, uniform) for row, uniform in on_the_edge]
+    as_doubles = [pick(probabilities(np.array(row), policy, 0), uniform) for row, uniform in on_the_edge]
+    assert here != as_doubles, "doubles are expected to go wrong this near to an edge, or the test shows nothing"
+    for towards in (0.0, 2.0):
+        monkeypatch.setattr(math, "exp", lambda x, to=towards: math.nextafter(np.exp(x), to))
+        assert [choose(row, policy, 0, uniform) for row, uniform in on_the_edge] == here
+
+
+def test_softmax_of_equal_values_shares_exactly() -> None:
+    policy = Softmax(beta=3.0, beta_per_episode=0.0)
+    drawn = [choose([0.5] * 4, policy, 0, uniform) for uniform in (0.0, 0.25, math.nextafter(0.25, 0.0), 0.75, 1.0)]
+    assert drawn == [0, 1, 0, 3, 3]
 
 
 @pytest.mark.parametrize(
