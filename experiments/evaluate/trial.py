@@ -6,11 +6,12 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from experiments.evaluate.controllers import Controller
+from experiments.lab.guided import make
 from services.sim.cell import SimulatedCell
 from services.task.insertion import Insertion
 from services.wire.definition import Definition
 from services.wire.definition_file import run_id
-from services.wire.messages import Action, EpisodeSummary, Observation
+from services.wire.messages import Action, EpisodeSummary, Home, Move, Observation
 
 POLICY_VERSION = 0
 """Nothing is learnt, so that what decides is the same throughout."""
@@ -41,16 +42,14 @@ def trial(
     summaries, states, decisions = list[EpisodeSummary](), set[int](), 0
     for episode in range(episodes):
         controller.begin()
-        moved, packet = cell.home(task.home(episode, decisions))
+        motion: Home | Move = task.home(episode, decisions)
         while True:
-            then = task.feel(moved, packet.force_n[-1], packet.torque_nm[-1]).then
+            then = make(task, cell, motion).then
             if isinstance(then, EpisodeSummary):
                 break
-            if isinstance(then, Observation):
-                choice = controller.decide(then)
-                states.add(choice.state)
-                then = task.act(_action(then, choice.action, choice.state))
-            moved, packet = cell.move(then)
+            choice = controller.decide(then)
+            states.add(choice.state)
+            motion = task.act(_action(then, choice.action, choice.state))
         summaries.append(then)
         decisions += then.decisions
         done(episode + 1)

@@ -31,7 +31,7 @@ from services.sim.contact_state import FREE
 from services.wire import definition_file
 from services.wire.definition import Art2Settings, Definition, Plugin
 from services.wire.errors import TreenailError
-from services.wire.messages import Force, FtPacket, Moved, Observation, Torque
+from services.wire.messages import Force, Move, Observation, Torque
 
 PROGRAM = "python -m experiments.lab.contact_states"
 RHO = (0.90, 0.91, 0.92, 0.93, 0.94, 0.95, 0.96, 0.97, 0.98)
@@ -86,7 +86,7 @@ class _RecordingRun(InProcessRun):
         super().__init__(definition, seed)
         self.samples: list[Sample] = []
 
-    def _decide(self, observation: Observation) -> tuple[Moved, FtPacket]:
+    def _decide(self, observation: Observation) -> Move:
         truth = self.cell.world.contact_state()
         self.samples.append(Sample(observation.force_n, observation.torque_nm, truth))
         return super()._decide(observation)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from experiments.lab.guided import make
 from experiments.lab.remembered_world import RememberedWorld
 from experiments.lab.skills import skill_from
 from services.agent.fold import AgentFold
@@ -17,7 +18,7 @@ from services.task.insertion import Insertion
 from services.wire.codec import contract_sha256
 from services.wire.definition import Definition
 from services.wire.definition_file import definition_sha256, run_id
-from services.wire.messages import EpisodeSummary, FtPacket, Moved, Observation, RunRecord, Swap
+from services.wire.messages import EpisodeSummary, Home, Move, Observation, RunRecord, Swap
 
 
 class InProcessRun:
@@ -71,20 +72,17 @@ class InProcessRun:
         return skill_from(self.record, self.episodes_done, self.agent, self.classifier, self._began_with)
 
     def _episode(self) -> EpisodeSummary:
-        moved, packet = self.cell.home(self.task.home(self.episodes_done, self.decisions, self._swaps))
+        motion: Home | Move = self.task.home(self.episodes_done, self.decisions, self._swaps)
         while True:
-            felt = self.task.feel(moved, packet.force_n[-1], packet.torque_nm[-1])
-            if felt.reward is not None:
-                self.agent.reward(felt.reward)
-            if isinstance(felt.then, EpisodeSummary):
+            reached = make(self.task, self.cell, motion)
+            if reached.reward is not None:
+                self.agent.reward(reached.reward)
+            if isinstance(reached.then, EpisodeSummary):
                 self.episodes_done += 1
-                self.decisions += felt.then.decisions
-                return felt.then
-            if isinstance(felt.then, Observation):
-                moved, packet = self._decide(felt.then)
-            else:
-                moved, packet = self.cell.move(felt.then)
+                self.decisions += reached.then.decisions
+                return reached.then
+            motion = self._decide(reached.then)
 
-    def _decide(self, observation: Observation) -> tuple[Moved, FtPacket]:
-        action = self.agent.decide(self.classifier.observe(observation))
-        return self.cell.move(self.task.act(action))
+    def _decide(self, observation: Observation) -> Move:
+        """Return the motion that the workers decide for."""
+        return self.task.act(self.agent.decide(self.classifier.observe(observation)))

@@ -16,6 +16,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from experiments.lab.contact_states import Sample
+from experiments.lab.guided import make
 from experiments.lab.rehearsal import told
 from services.sim.cell import SimulatedCell
 from services.sim.pose import Pose, rotation_vector
@@ -24,7 +25,7 @@ from services.wire.actions import INSERT
 from services.wire.definition import Definition, Start
 from services.wire.definition_file import load, run_id
 from services.wire.errors import TreenailError
-from services.wire.messages import EpisodeSummary, Observation, Outcome
+from services.wire.messages import EpisodeSummary, Home, Move, Outcome
 from services.wire.text import decode, number
 
 THESIS_VECTORS = 20224
@@ -116,18 +117,16 @@ def record(definition: Definition, seed: int, vectors: int) -> list[Supervised]:
 def _insertion(task: Insertion, cell: SimulatedCell, supervisor: Supervisor, number: int, most: int) -> Supervised:
     """Make one insertion, or the beginning of it that has ``most`` vectors."""
     samples: list[Sample] = []
-    moved, packet = cell.home(task.home(number, 0))
+    motion: Home | Move = task.home(number, 0)
     while True:
-        then = task.feel(moved, packet.force_n[-1], packet.torque_nm[-1]).then
+        then = make(task, cell, motion).then
         if isinstance(then, EpisodeSummary):
             return Supervised(samples, then.outcome)
-        if isinstance(then, Observation):
-            if len(samples) == most:
-                return Supervised(samples, "recording ended")
-            samples.append(Sample(then.force_n, then.torque_nm, cell.world.contact_state()))
-            action = supervisor.action(cell.world.flange, math.hypot(*then.force_n))
-            then = task.act(told(then, action))
-        moved, packet = cell.move(then)
+        if len(samples) == most:
+            return Supervised(samples, "recording ended")
+        samples.append(Sample(then.force_n, then.torque_nm, cell.world.contact_state()))
+        action = supervisor.action(cell.world.flange, math.hypot(*then.force_n))
+        motion = task.act(told(then, action))
 
 
 class DataError(TreenailError):

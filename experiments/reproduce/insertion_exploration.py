@@ -16,7 +16,7 @@ from experiments.reproduce.context import Context
 from experiments.reproduce.verdicts import interval
 from services.wire.definition import Definition, Greedy
 from services.wire.definition_file import definition_sha256, load
-from services.wire.messages import FtPacket, Moved, Observation
+from services.wire.messages import Move, Observation
 
 EPISODES, GREEDY_EPISODES = 600, 200
 QUICK_EPISODES, QUICK_GREEDY_EPISODES = 20, 10
@@ -58,14 +58,14 @@ class WatchedRun(InProcessRun):
         super().__init__(definition, seed)
         self.explored = False
 
-    def _decide(self, observation: Observation) -> tuple[Moved, FtPacket]:
-        moved = super()._decide(observation)
+    def _decide(self, observation: Observation) -> Move:
+        move = super()._decide(observation)
         step = self.task.record().steps[-1]
         if step.state is not None and step.action is not None:
             # The values that were decided by: learning from the reward before it comes first.
             values = self.agent.learner.values(step.state)
             self.explored = self.explored or bool(values[step.action] < values.max())
-        return moved
+        return move
 
 
 def explore(key: Exploring) -> Explored:

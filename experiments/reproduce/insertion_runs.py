@@ -13,7 +13,7 @@ from experiments.lab.in_process import InProcessRun
 from services.wire.definition import Definition
 from services.wire.definition_file import definition_sha256, load
 from services.wire.errors import TreenailError
-from services.wire.messages import EpisodeSummary, FtPacket, Moved, Observation
+from services.wire.messages import EpisodeSummary, Move, Observation
 
 BLOCK = 100
 """Episodes over which agreement with the true contact states is told."""
@@ -67,7 +67,7 @@ class WatchedRun(InProcessRun):
         self.pairs: list[tuple[int, str]] = []
         """Class and true contact state of each decision."""
 
-    def _decide(self, observation: Observation) -> tuple[Moved, FtPacket]:
+    def _decide(self, observation: Observation) -> Move:
         # Asked again by the run, the classifier gives the same answer and learns nothing more.
         self.pairs.append((self.classifier.observe(observation).state, self.cell.world.contact_state()))
         return super()._decide(observation)

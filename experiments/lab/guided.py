@@ -1,0 +1,46 @@
+"""The way between two decisions: the task and the simulated cell, joined by plain calls, as long as nobody is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple, Protocol
+
+from services.task.insertion import Insertion
+from services.wire.messages import EpisodeSummary, FtPacket, Home, Move, Moved, Observation, Reward
+
+Seen = Callable[[Moved, FtPacket], object]
+"""Hears of every motion what was applied and what was felt after it."""
+
+
+class Cell(Protocol):
+    """Robot and sensor of one run, see ``services.sim.cell.SimulatedCell``."""
+
+    def home(self, home: Home) -> tuple[Moved, FtPacket]:
+        """Begin an episode."""
+
+    def move(self, move: Move) -> tuple[Moved, FtPacket]:
+        """Make the next motion."""
+
+
+class Reached(NamedTuple):
+    """Where the task waits: for a decision, or, with the episode over, for the next one to begin."""
+
+    reward: Reward | None
+    """Of the decision before, now that it is due."""
+    then: Observation | EpisodeSummary
+    packet: FtPacket
+    """What was felt last; of it the task takes the newest sample."""
+
+
+def make(task: Insertion, cell: Cell, motion: Home | Move, seen: Seen = lambda _moved, _packet: None) -> Reached:
+    """Make a motion and then, as long as nothing is touched, the task's own steps in the direction of insertion.
+
+    Raises what the cell raises, GuardError above all.
+    """
+    while True:
+        moved, packet = cell.home(motion) if isinstance(motion, Home) else cell.move(motion)
+        seen(moved, packet)
+        felt = task.feel(moved, packet.force_n[-1], packet.torque_nm[-1])
+        if not isinstance(felt.then, Move):
+            return Reached(felt.reward, felt.then, packet)
+        motion = felt.then
