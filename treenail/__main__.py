@@ -58,6 +58,7 @@ COMMANDS = {
 
 STUDIES = {
     "experiment": "run an experiment in one process, without Zenoh",
+    "leaderboard": "hold learners and a hand-written rule against each other on a suite of tasks",
     "bench": "measure speed on this machine",
     "replay": "rebuild a run's memory and log from its journal, and compare",
     "diff": "say where two runs part",
@@ -178,6 +179,8 @@ def _study(name: str) -> Callable[[list[str]], int]:
     match name:
         case "experiment":
             from treenail.commands.experiment import main
+        case "leaderboard":
+            from treenail.commands.leaderboard import main
         case "bench":
             from experiments.bench.__main__ import main
         case "replay":

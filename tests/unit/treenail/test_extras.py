@@ -84,6 +84,7 @@ def test_what_needs_no_cell_either_just_works(words: tuple[str, ...]) -> None:
         ("treenail", ("diff", *NOBODY), "classifier"),
         ("treenail", ("bench", "sim"), "sim"),
         ("treenail", ("reproduce", "--out", "nowhere"), "reproduce"),
+        ("treenail", ("leaderboard", "--out", "nowhere"), "cli"),
         ("treenail", ("pterm", "/dev/null"), "robot_link"),
         ("treenail", ("pfloppy", "/dev/null", "."), "robot_link"),
         ("services.viewer", NOBODY, "viewer"),

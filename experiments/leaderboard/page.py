@@ -1,0 +1,118 @@
+"""The board as one page of Markdown."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+
+from experiments.bench.values import cpu_name
+from experiments.leaderboard.board import Board, Row
+from experiments.leaderboard.figures import FIRST, Figures, Spread
+from experiments.leaderboard.jobs import LEARNER
+from experiments.leaderboard.methods import TREENAIL
+from experiments.leaderboard.plan import Length
+from experiments.leaderboard.targets import target_of
+from experiments.reproduce.code import code_sha256
+from services.wire.codec import contract_sha256
+from services.wire.version import version
+
+HEAD = (
+    "method",
+    f"failures in the first {FIRST}: median (most)",
+    "success at the end",
+    "force [N]",
+    "of the rule's",
+    "peak [N]",
+    "moves",
+    "of the rule's",
+)
+HOW = f"""Each method learns from nothing, with the errors of sensor and arm on, each episode from somewhere else; who
+does not learn meets the same starts and the same noise. *Success at the end* is of the last hundred episodes of a run
+of three hundred (the last third of a shorter one), all seeds pooled, with its 95 % interval (Wilson) and, in square
+brackets, the worst seed's; of who does not learn, of all. Forces are means over all moves of an episode, free ones
+included; in brackets the least and the most of the seeds' means. *Moves* are of insertions that succeeded. The oracle
+knows the pose and plans without noise from the first start of each seed: what could be had, no more. A failure among
+the first {FIRST} is a scratched part."""
+
+
+def facts(length: Length, code: Sequence[str] = LEARNER) -> dict[str, str]:
+    """Return what was run and where, by label."""
+    system = os.uname()
+    return {
+        "Treenail": f"version {version()}, contract {contract_sha256()[:12]}, code {code_sha256(tuple(code))[:12]}",
+        "machine": f"{cpu_name()}, {os.cpu_count()} cores, {system.sysname} {system.machine}",
+        "Python": sys.version.split()[0],
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "seeds": f"{len(length.seeds)}: {', '.join(map(str, length.seeds))}",
+        "episodes": f"{length.episodes} of who learns, {length.baseline_episodes} of who does not",
+    }
+
+
+def page(title: str, facts: Mapping[str, str], board: Board, pictures: Sequence[str]) -> str:
+    """Return the page; ``pictures`` are names of files beside it."""
+    verdicts = [row for row in board.rows if row["verdict"] and row["method"] == TREENAIL]
+    parts = [f"# {title}", HOW, "\n".join(f"- {label}: {text}" for label, text in facts.items())]
+    if verdicts:
+        met = sum(not row["verdict"].startswith("missed") for row in verdicts)
+        parts += [f"## What was aimed at\n\n`{TREENAIL}` meets {met} of {len(verdicts)} targets.", _targets(verdicts)]
+    parts += [f"![{name.removesuffix('.png')} by episode]({name})" for name in pictures]
+    parts += ["## The tasks", *(_task(task, board) for task in board.tasks)]
+    parts += ["## The methods", "\n".join(f"- `{method.name}`: {method.about}" for method in board.methods)]
+    return "\n\n".join(parts) + "\n"
+
+
+def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """Return a table in Markdown, its first column to the left."""
+    lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
+    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def success(figures: Figures) -> str:
+    """Return a rate with its interval and the worst seed."""
+    interval = f"{percent(figures['success_low'])} to {percent(figures['success_high'])}"
+    worst = f" [{percent(figures['success_worst_seed'])}]" if len(figures["seeds"]) > 1 else ""
+    return f"{percent(figures['success'])} % ({interval}){worst}"
+
+
+def percent(part: float) -> str:
+    """Return a part of 1 in percent; what is not all is never rounded to all."""
+    text = f"{100 * part:.1f}"
+    return "100" if part == 1.0 else "99.9" if text == "100.0" else text
+
+
+def spread(values: Spread, digits: int) -> str:
+    """Return a mean with the least and the most of the seeds'."""
+    return f"{values['mean']:.{digits}f} ({values['least']:.{digits}f} to {values['most']:.{digits}f})"
+
+
+def _task(task: str, board: Board) -> str:
+    rows = [row for row in board.rows if row["task"] == task]
+    some = [_cells(row) for row in rows if row["figures"] is not None]
+    notes = [f"- `{row['method']}`: {'; '.join(row['missing'])}" for row in rows if row["missing"]]
+    return "\n\n".join([f"### {task}", *([table(HEAD, some)] if some else []), *(["\n".join(notes)] if notes else [])])
+
+
+def _cells(row: Row) -> list[str]:
+    figures = row["figures"]
+    assert figures is not None
+    learns_or_plays = figures["episodes"] > 1
+    first = f"{figures['first_failures_median']:g} ({figures['first_failures_most']})" if learns_or_plays else ""
+    force_of, moves_of = row["force_of_rule"], row["moves_of_rule"]
+    return [
+        f"`{row['method']}`",
+        first,
+        success(figures) if learns_or_plays else "",
+        spread(figures["force_n"], 2),
+        "" if force_of is None else f"{force_of:.2f}",
+        f"{figures['peak_n']['mean']:.1f}",
+        "none" if figures["moves"] is None else spread(figures["moves"], 0),
+        "" if moves_of is None else f"{moves_of:.2f}",
+    ]
+
+
+def _targets(rows: Sequence[Row]) -> str:
+    return table(
+        ("task", "verdict"), [(row["task"], row["verdict"]) for row in rows if target_of(row["task"])]
+    ).replace("| --- | ---: |", "| --- | --- |")

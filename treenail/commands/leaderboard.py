@@ -1,0 +1,96 @@
+"""``treenail leaderboard``: methods on the tasks of the suite, over seeds, beside a hand-written rule."""
+
+from __future__ import annotations
+
+import argparse
+import signal
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from services.rules import command_line
+from services.rules.command_line import Parser, whole
+from services.wire.randomness import MAX_SEED
+
+if TYPE_CHECKING:
+    from experiments.leaderboard.runner import Spread
+
+PROGRAM = "treenail leaderboard"
+OUT = Path("runs", "leaderboard")
+MANY_SEEDS = 1000
+ABOUT = """Learning from nothing with noise on, and who does not learn on the same starts beside it. Each run is kept
+as it ends, in --out: a second start goes on, several processes may share a folder and the seeds between them, and
+--page-only writes the page of what there is."""
+
+
+def main(words: Sequence[str] | None = None) -> int:
+    """Do what the command line (or ``words`` in its place) says and return the exit status."""
+    interrupted = "interrupted; started again with the same --out it goes on"
+    return command_line.run(PROGRAM, lambda: _act(_parser().parse_args(words)), interrupted=interrupted)
+
+
+def _act(arguments: argparse.Namespace) -> None:
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    # Loaded here, since every process that works for the board loads this module too.
+    from experiments.lab.progress import reporter
+    from experiments.leaderboard import learning, plan
+    from experiments.leaderboard.folder import Folder
+    from experiments.leaderboard.methods import methods
+    from experiments.leaderboard.suite import tasks
+
+    quick = arguments.quick
+    length = plan.Length(
+        tuple(arguments.seeds or (plan.QUICK_SEEDS if quick else plan.SEEDS)),
+        arguments.episodes or (plan.QUICK_EPISODES if quick else plan.EPISODES),
+        arguments.baseline_episodes or (plan.QUICK_BASELINE_EPISODES if quick else plan.BASELINE_EPISODES),
+    )
+    entries = plan.entries(tasks(arguments.tasks, quick), methods(arguments.methods), length)
+    with reporter() as report:
+        folder = Folder(arguments.out, report.say)
+        folder.prepare()
+        spread = None if arguments.page_only else _spread(arguments)
+        page, failures = learning.make(entries, length, folder, spread, report)
+    print(
+        f"leaderboard in {page}" + (f"; {failures} runs failed, which a second start tries again" if failures else "")
+    )
+
+
+def _spread(arguments: argparse.Namespace) -> Spread:
+    """Return where the runs are made."""
+    from experiments.lab.pool import usable_cores
+    from experiments.leaderboard.runner import here
+
+    return here(arguments.jobs or usable_cores())
+
+
+def _parser() -> Parser:
+    parser = Parser(prog=PROGRAM, description=__doc__, epilog=ABOUT)
+    parser.add_argument("--quick", action="store_true", help="a quarter of an hour: fewer tasks and seeds, short runs")
+    parser.add_argument("--tasks", nargs="+", metavar="NAME", help="only these, such as suite-round or 'suite-*'")
+    parser.add_argument("--methods", nargs="+", metavar="NAME", help="only these, and the rule")
+    parser.add_argument("--seeds", type=_seeds, metavar="A..B,C", help="such as 100..109 (default), quick 100..102")
+    parser.add_argument("--episodes", type=whole(), metavar="N", help="of who learns (default: 300, quick 100)")
+    parser.add_argument(
+        "--baseline-episodes", type=whole(), metavar="N", help="of who does not learn (default: 40, quick 20)"
+    )
+    parser.add_argument("--out", type=Path, default=OUT, metavar="DIR", help=f"where to write (default: {OUT})")
+    parser.add_argument("--jobs", type=whole(), metavar="J", help="processes at a time (default: one per core)")
+    parser.add_argument("--page-only", action="store_true", help="run nothing: the page of what is there")
+    return parser
+
+
+def _seeds(text: str) -> list[int]:
+    """Read seeds such as 100..109,200."""
+    seeds = list[int]()
+    for part in text.split(","):
+        first, dots, last = part.partition("..")
+        begin = whole(0, MAX_SEED)(first)
+        end = whole(begin, min(begin + MANY_SEEDS - 1, MAX_SEED))(last) if dots else begin
+        seeds += range(begin, end + 1)
+    if len(set(seeds)) != len(seeds):
+        raise argparse.ArgumentTypeError(f"expected every seed once, got {text!r}")
+    return seeds
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())
