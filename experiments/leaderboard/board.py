@@ -13,7 +13,7 @@ from experiments.leaderboard.jobs import Outcome
 from experiments.leaderboard.methods import RULE, Method
 from experiments.leaderboard.plan import Entry
 from experiments.leaderboard.runner import Results
-from experiments.leaderboard.targets import target_of, verdict
+from experiments.leaderboard.targets import verdict
 from services.wire.errors import TreenailError
 
 
@@ -27,7 +27,7 @@ class Row(TypedDict):
     force_of_rule: float | None
     moves_of_rule: float | None
     verdict: str
-    """Against the task's target, for methods that learn; empty without one."""
+    """Against the task's target; empty without one."""
     missing: list[str]
     """Why seeds are missing, each reason once."""
 
@@ -71,9 +71,10 @@ def _row(entry: Entry, made: Mapping[tuple[str, str], Figures], results: Results
     name = entry.method.name
     ours, rule = made.get((entry.task, name)), made.get((entry.task, RULE))
     parts = None if ours is None or rule is None else ratio(ours, rule)
-    target, words = target_of(entry.task), ""
-    if entry.method.kind == "learn" and ours is not None and target is not None:
-        words = verdict(target, ours, rule, {task: of for (task, method), of in made.items() if method == name}).words
+    words = ""
+    if ours is not None and entry.target is not None:
+        others = {task: of for (task, method), of in made.items() if method == name}
+        words = verdict(entry.target, ours, rule, others).words
     reasons = [results.failures[job] for job in entry.jobs if job in results.failures]
     undone = sum(job not in results.outcomes and job not in results.failures for job in entry.jobs)
     if undone:

@@ -27,16 +27,16 @@ _Draw = Callable[
 ]
 
 
-def pictures(learners: Curves, baselines: Curves) -> dict[str, bytes]:
-    """Return failures.png and force.png; methods that do not learn are level lines, their mean."""
+def pictures(board: str, learners: Curves, baselines: Curves) -> dict[str, bytes]:
+    """Return <board>-failures.png and <board>-force.png; methods that do not learn are level lines, their mean."""
     tasks = [task for task in learners if learners[task]]
     if not tasks:
         return {}
     names = list(dict.fromkeys(name for task in tasks for name in (*learners[task], *baselines.get(task, {}))))
     looks = {name: bands.style(number) for number, name in enumerate(names)} | {RULE: bands.BLACK}
     return {
-        "failures.png": _grid(tasks, learners, baselines, looks, "failures of 10 [%]", _failures),
-        "force.png": _grid(tasks, learners, baselines, looks, "mean force [N]", _forces),
+        f"{board}-failures.png": _grid(tasks, learners, baselines, looks, "failures of 10 [%]", _failures),
+        f"{board}-force.png": _grid(tasks, learners, baselines, looks, "mean force [N]", _forces),
     }
 
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from experiments.leaderboard.jobs import Job
 from experiments.leaderboard.methods import Method, variant
+from experiments.leaderboard.targets import Target, target_of
 from services.wire.definition import Definition
 from services.wire.errors import DefinitionError
 
@@ -33,6 +34,7 @@ class Entry(NamedTuple):
     jobs: tuple[Job, ...]
     refused: str = ""
     """Why the method cannot be tried on the task; there are no jobs then."""
+    target: Target | None = None
 
 
 def entries(tasks: Sequence[Definition], methods: Sequence[Method], length: Length) -> tuple[Entry, ...]:
@@ -47,4 +49,4 @@ def _entry(task: Definition, method: Method, length: Length) -> Entry:
         return Entry(task.name, method, (), str(error))
     episodes = {"learn": length.episodes, "oracle": 1}.get(method.kind, length.baseline_episodes)
     jobs = tuple(Job(task.name, method.name, method.kind, definition, seed, episodes) for seed in length.seeds)
-    return Entry(task.name, method, jobs)
+    return Entry(task.name, method, jobs, target=target_of(task.name) if method.kind == "learn" else None)

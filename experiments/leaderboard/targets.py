@@ -35,7 +35,9 @@ class Target(NamedTuple):
 
 TARGETS = (
     Target(("suite-round", "suite-round-tight"), 0, 1, 0.999, force_of_rule=0.5, moves_of_rule=0.92),
-    Target(("suite-*turned*", "suite-*rotated*", "suite-*mount*"), 0, 1, 0.999, force_as="suite-round"),
+    Target(("suite-turned",), 0, 1, 0.999, force_as="suite-round"),
+    Target(("suite-turned-tight",), 0, 1, 0.999, force_as="suite-round-tight"),
+    Target(("suite-turned-square",), 0, 2, 0.998, force_as="suite-square"),
     Target(
         ("suite-square*", "suite-triangle*", "suite-rectangle*"), 0, 2, 0.998, force_of_rule=0.65, moves_of_rule=0.98
     ),

@@ -18,6 +18,11 @@ if TYPE_CHECKING:
 PROGRAM = "treenail leaderboard"
 OUT = Path("runs", "leaderboard")
 MANY_SEEDS = 1000
+BOARDS = {
+    "transfer": "learn at random starts, freeze, and try at starts, friction, clearance and shapes never seen",
+    "long": "long runs, also of tasks that change: is what was learnt kept?",
+    "ablation": "the learner with each of its parts left out",
+}
 ABOUT = """Learning from nothing with noise on, and who does not learn on the same starts beside it. Each run is kept
 as it ends, in --out: a second start goes on, several processes may share a folder and the seeds between them, and
 --page-only writes the page of what there is."""
@@ -33,23 +38,23 @@ def _act(arguments: argparse.Namespace) -> None:
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     # Loaded here, since every process that works for the board loads this module too.
     from experiments.lab.progress import reporter
-    from experiments.leaderboard import learning, plan
+    from experiments.leaderboard import boards
     from experiments.leaderboard.folder import Folder
-    from experiments.leaderboard.methods import methods
-    from experiments.leaderboard.suite import tasks
 
-    quick = arguments.quick
-    length = plan.Length(
-        tuple(arguments.seeds or (plan.QUICK_SEEDS if quick else plan.SEEDS)),
-        arguments.episodes or (plan.QUICK_EPISODES if quick else plan.EPISODES),
-        arguments.baseline_episodes or (plan.QUICK_BASELINE_EPISODES if quick else plan.BASELINE_EPISODES),
+    wanted = boards.Wanted(
+        arguments.quick,
+        arguments.tasks,
+        arguments.methods,
+        tuple(arguments.seeds) if arguments.seeds else None,
+        arguments.episodes,
+        arguments.baseline_episodes,
     )
-    entries = plan.entries(tasks(arguments.tasks, quick), methods(arguments.methods), length)
+    make = boards.BOARDS[arguments.board]
     with reporter() as report:
         folder = Folder(arguments.out, report.say)
+        plan = make(wanted)
         folder.prepare()
-        spread = None if arguments.page_only else _spread(arguments)
-        page, failures = learning.make(entries, length, folder, spread, report)
+        page, failures = plan(folder, None if arguments.page_only else _spread(arguments), report)
     print(
         f"leaderboard in {page}" + (f"; {failures} runs failed, which a second start tries again" if failures else "")
     )
@@ -66,13 +71,15 @@ def _spread(arguments: argparse.Namespace) -> Spread:
 def _parser() -> Parser:
     parser = Parser(prog=PROGRAM, description=__doc__, epilog=ABOUT)
     parser.add_argument("--quick", action="store_true", help="a quarter of an hour: fewer tasks and seeds, short runs")
+    which = parser.add_mutually_exclusive_group()
+    for board, said in BOARDS.items():
+        which.add_argument(f"--{board}", dest="board", action="store_const", const=board, help=said)
+    parser.set_defaults(board="learning")
     parser.add_argument("--tasks", nargs="+", metavar="NAME", help="only these, such as suite-round or 'suite-*'")
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="only these, and the rule")
-    parser.add_argument("--seeds", type=_seeds, metavar="A..B,C", help="such as 100..109 (default), quick 100..102")
-    parser.add_argument("--episodes", type=whole(), metavar="N", help="of who learns (default: 300, quick 100)")
-    parser.add_argument(
-        "--baseline-episodes", type=whole(), metavar="N", help="of who does not learn (default: 40, quick 20)"
-    )
+    parser.add_argument("--seeds", type=_seeds, metavar="A..B,C", help="such as 100..109, the default")
+    parser.add_argument("--episodes", type=whole(), metavar="N", help="of who learns (default: 300)")
+    parser.add_argument("--baseline-episodes", type=whole(), metavar="N", help="of who does not learn (default: 40)")
     parser.add_argument("--out", type=Path, default=OUT, metavar="DIR", help=f"where to write (default: {OUT})")
     parser.add_argument("--jobs", type=whole(), metavar="J", help="processes at a time (default: one per core)")
     parser.add_argument("--page-only", action="store_true", help="run nothing: the page of what is there")

@@ -26,6 +26,7 @@ from services.wire.definition_file import load
 from services.wire.errors import TreenailError
 from treenail.commands import leaderboard as command
 
+NUMBERS = "leaderboard.json"
 ROUND = load("suite-round")
 SHORT = Length((100, 101), 2, 1)
 
@@ -154,20 +155,20 @@ def test_what_is_done_is_not_done_again_and_what_is_the_same_is_done_once(tmp_pa
     again = Method("again", "the same", "learn")
     entries += plan.entries((ROUND,), (again,), SHORT)
     folder, here = Folder(tmp_path, lambda _: None), Here()
-    page, failures = learning.make(entries, SHORT, folder, here, quiet())
+    page, failures = learning.make(learning.LEADERBOARD, entries, SHORT, folder, here, quiet())
     assert failures == 0
     assert sorted(here.done) == [
         f"suite-round, {name}, seed {seed}" for name in (RULE, TREENAIL) for seed in (100, 101)
     ]
-    numbers = json.loads((tmp_path / learning.NUMBERS).read_text())
-    learning.make(entries, SHORT, folder, here, quiet())
+    numbers = json.loads((tmp_path / NUMBERS).read_text())
+    learning.make(learning.LEADERBOARD, entries, SHORT, folder, here, quiet())
     assert len(here.done) == 4, "nothing is left to do"
-    assert json.loads((tmp_path / learning.NUMBERS).read_text())["rows"] == numbers["rows"]
+    assert json.loads((tmp_path / NUMBERS).read_text())["rows"] == numbers["rows"]
     rows = {row["method"]: row["figures"] for row in numbers["rows"]}
     assert {**rows["again"], "cpu_s": 0} == {**rows[TREENAIL], "cpu_s": 0}
     text = page.read_text()
     assert "| `treenail` | " in text and "missed" in text
-    assert (tmp_path / "force.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "leaderboard-force.png").read_bytes().startswith(b"\x89PNG")
     assert len(list((tmp_path / "skills").iterdir())) == 2
     for path in (tmp_path / "skills").iterdir():
         assert skill_file.read(path).skill.episodes == SHORT.episodes
@@ -177,8 +178,8 @@ def test_seeds_run_apart_make_the_same_board(tmp_path: Path) -> None:
     def rows(folder: Path, *seeds: int) -> object:
         length = Length(seeds, 1, 1)
         entries = plan.entries((ROUND,), methods([RULE]), length)
-        learning.make(entries, length, Folder(folder, lambda _: None), Here(), quiet())
-        made = json.loads((folder / learning.NUMBERS).read_text())["rows"]
+        learning.make(learning.LEADERBOARD, entries, length, Folder(folder, lambda _: None), Here(), quiet())
+        made = json.loads((folder / NUMBERS).read_text())["rows"]
         return [{**row, "figures": {**row["figures"], "cpu_s": 0}} for row in made]
 
     rows(tmp_path / "a", 100)
@@ -188,7 +189,7 @@ def test_seeds_run_apart_make_the_same_board(tmp_path: Path) -> None:
 
 def test_the_page_of_what_is_there_says_what_is_not(tmp_path: Path) -> None:
     entries = plan.entries((ROUND,), methods([TREENAIL]), SHORT)
-    page, _ = learning.make(entries, SHORT, Folder(tmp_path, lambda _: None), None, quiet())
+    page, _ = learning.make(learning.LEADERBOARD, entries, SHORT, Folder(tmp_path, lambda _: None), None, quiet())
     assert "2 of 2 seeds not run yet" in page.read_text()
 
 
