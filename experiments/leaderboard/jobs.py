@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
+from functools import cache
 from typing import Any
 
 import msgspec
@@ -117,8 +118,14 @@ def key(job: Job) -> dict[str, Any]:
 
 
 def code_of(job: Job) -> str:
-    """Return the digest of the code that decides what comes out of a job."""
-    return code_sha256(PACKAGES[job.kind])
+    """Return the digest of the code that decides what comes out of a job, as it is when a process first asks."""
+    return _codes()[job.kind]
+
+
+@cache
+def _codes() -> dict[Kind, str]:
+    # All at once: files that somebody changes later are not what this process has loaded.
+    return {kind: code_sha256(packages) for kind, packages in PACKAGES.items()}
 
 
 def order(job: Job) -> Order:

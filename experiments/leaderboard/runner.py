@@ -27,6 +27,22 @@ class Spread(Protocol):
         """Yield the index of each order and what came of it, as each ends; ``advanced`` hears how far each is."""
 
 
+def on(address: str, say: Callable[[str], None]) -> Spread:
+    """Return a spread over the Dask cluster whose scheduler is at ``address``."""
+    from experiments.lab import cluster  # an extra that few need
+
+    def spread(
+        work: Callable[[Order, pool.Tell], Done],
+        keys: Sequence[Order],
+        name: Callable[[Order], str],
+        advanced: Advanced,
+    ) -> Iterator[tuple[int, Done]]:
+        for index, done in cluster.spread(address, work, keys, say):
+            yield index, Done(failure=done.why) if isinstance(done, cluster.Lost) else done
+
+    return spread
+
+
 class Results(NamedTuple):
     """What there is of some jobs."""
 

@@ -29,6 +29,7 @@ EXIT_DIFFERS, EXIT_ERROR, EXIT_INTERRUPTED = 1, 2, 130
 EXTRAS = {
     "artlib": "artlib",
     "cryptography": "cli",
+    "distributed": "cluster",
     "gymnasium": "reproduce",
     "jinja2": "reproduce",
     "matplotlib": "cli",

@@ -13,6 +13,7 @@ from services.rules.command_line import Parser, whole
 from services.wire.randomness import MAX_SEED
 
 if TYPE_CHECKING:
+    from experiments.lab.progress import Reporter
     from experiments.leaderboard.runner import Spread
 
 PROGRAM = "treenail leaderboard"
@@ -51,21 +52,23 @@ def _act(arguments: argparse.Namespace) -> None:
     )
     make = boards.BOARDS[arguments.board]
     with reporter() as report:
-        folder = Folder(arguments.out, report.say)
-        plan = make(wanted)
+        folder, plan = Folder(arguments.out, report.say), make(wanted)
+        spread = None if arguments.page_only else _spread(arguments, report)
         folder.prepare()
-        page, failures = plan(folder, None if arguments.page_only else _spread(arguments), report)
+        page, failures = plan(folder, spread, report)
     print(
         f"leaderboard in {page}" + (f"; {failures} runs failed, which a second start tries again" if failures else "")
     )
 
 
-def _spread(arguments: argparse.Namespace) -> Spread:
+def _spread(arguments: argparse.Namespace, report: Reporter) -> Spread:
     """Return where the runs are made."""
     from experiments.lab.pool import usable_cores
-    from experiments.leaderboard.runner import here
+    from experiments.leaderboard import runner
 
-    return here(arguments.jobs or usable_cores())
+    if arguments.on is not None:
+        return runner.on(arguments.on, report.say)
+    return runner.here(arguments.jobs or usable_cores())
 
 
 def _parser() -> Parser:
@@ -81,7 +84,9 @@ def _parser() -> Parser:
     parser.add_argument("--episodes", type=whole(), metavar="N", help="of who learns (default: 300)")
     parser.add_argument("--baseline-episodes", type=whole(), metavar="N", help="of who does not learn (default: 40)")
     parser.add_argument("--out", type=Path, default=OUT, metavar="DIR", help=f"where to write (default: {OUT})")
-    parser.add_argument("--jobs", type=whole(), metavar="J", help="processes at a time (default: one per core)")
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument("--jobs", type=whole(), metavar="J", help="processes at a time (default: one per core)")
+    where.add_argument("--on", metavar="ADDRESS", help="a Dask cluster's scheduler, such as tcp://10.0.0.5:8786")
     parser.add_argument("--page-only", action="store_true", help="run nothing: the page of what is there")
     return parser
 
