@@ -55,9 +55,9 @@ class Art2:
         self._settings = settings
         s = settings
         # float(): an integer would make numba compile a second version of the kernel.
-        self._parameters = (float(s.a), float(s.b), float(s.c), float(s.d), float(s.e), float(s.theta), float(s.rho))
-        self._f0 = np.zeros((kernel.SUBLAYERS, inputs))
-        self._f1 = np.zeros((kernel.SUBLAYERS, inputs))
+        self._rate = float(s.learning_rate)
+        self._parameters = np.array([s.a, s.b, s.c, s.d, s.e, s.theta, s.rho], dtype=np.float64)
+        self._layers = np.zeros((2, kernel.SUBLAYERS, inputs))
         self._f2 = np.zeros(settings.capacity)
         self._weights = np.zeros((settings.capacity, inputs))
         self._counts = np.zeros(settings.capacity, dtype=np.int64)
@@ -93,16 +93,12 @@ class Art2:
             ValueError: see ``encoding.encode``; or, only where e > 0, the input is so small that e swallows it.
             ClassifierFullError: no class fits, none is left, and ``when_full`` is "refuse".
         """
-        unit, nearest, match = self._search(force_n, torque_nm)
-        new = unit == kernel.NO_UNIT
-        rate = float(self._settings.learning_rate)
+        unit, nearest, match = self._present(force_n, torque_nm, self._rate)
+        if unit == kernel.NO_UNIT:
+            return self._answer_when_full(nearest, match)
+        new = unit == self._states
         if new:
-            if self._states == self._settings.capacity:
-                return self._answer_when_full(nearest, match)
-            unit, rate = self._states, 1.0
-            match = kernel.match_of(self._f0[kernel.Q], self._f1[kernel.P], self._parameters[2], self._parameters[4])
             self._states += 1
-        kernel.learn(self._weights, unit, self._f1[kernel.U], self._parameters[3], rate)
         self._counts[unit] += 1
         return Classification(unit, self._states, match, new)
 
@@ -112,7 +108,7 @@ class Art2:
         Raises:
             ValueError: as ``learn``.
         """
-        unit, _, match = self._search(force_n, torque_nm)
+        unit, _, match = self._present(force_n, torque_nm, 0.0)
         return Classification(unit, self._states, match, False)
 
     def snapshot(self) -> dict[str, bytes | int]:
@@ -131,7 +127,7 @@ class Art2:
                 stays as it was.
         """
         weights, counts = memory.unpack(snapshot, (self._settings.capacity, self._weights.shape[1]), "ART2")
-        longest = 1 / (1 - self._parameters[3])
+        longest = 1 / (1 - float(self._settings.d))
         with np.errstate(over="ignore"):  # what overflows is too long
             norms = np.sqrt((weights * weights).sum(axis=1))
         # 1e-9: room for rounding in u, whose norm is at most 1 otherwise.
@@ -149,11 +145,11 @@ class Art2:
         """SHA-256 in hex of the classes, see ``memory.digest``."""
         return memory.digest(self.prototypes, self.counts)
 
-    def _search(self, force_n: Sequence[float], torque_nm: Sequence[float]) -> tuple[int, int, float]:
-        """Encode and present one vector; leaves F0 and F1 settled. Returns as ``kernel.search``, never SILENT."""
+    def _present(self, force_n: Sequence[float], torque_nm: Sequence[float], rate: float) -> tuple[int, int, float]:
+        """Encode and present one vector. Returns as ``kernel.present``, never SILENT."""
         s = self._settings
         stimulus = encode(force_n, torque_nm, s.torque_gain_per_m, s.encoding)
-        result = kernel.search(stimulus, self._weights, self._states, self._f0, self._f1, self._f2, *self._parameters)
+        result = kernel.present(stimulus, self._weights, self._states, self._layers, self._f2, self._parameters, rate)
         if result[0] == kernel.SILENT:
             raise ValueError(
                 f"force/torque vector: expected a component above theta = {s.theta} after normalising with e = {s.e}, "

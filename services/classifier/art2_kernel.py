@@ -195,3 +195,31 @@ def learn(weights: Array, unit: int, u: Array, d: float, rate: float) -> None:
     """Move row ``unit`` of the weights by ``rate`` of the way to the learning law's equilibrium u / (1 - d)."""
     for i in range(u.shape[0]):
         weights[unit, i] += rate * (u[i] / (1.0 - d) - weights[unit, i])
+
+
+@_compiled
+def present(
+    stimulus: Array, weights: Array, units: int, layers: Array, f2: Array, parameters: Array, rate: float
+) -> tuple[int, int, float]:
+    """Present one input, and learn it: all of a presentation in one call, as calls cost more than what they do.
+
+    Args:
+        stimulus, weights, units, f2: as in ``search``; the unit found learns, or the next one is committed.
+        layers: F0 and F1, shape (2, 6, n), overwritten.
+        parameters: a, b, c, d, e, theta, rho.
+        rate: learning rate; 0 only to classify.
+
+    Returns:
+        As ``search``; but with the unit just committed, ``units``, and its own match, where none fits and one is left.
+    """
+    a, b, c, d = parameters[0], parameters[1], parameters[2], parameters[3]
+    e, theta, rho = parameters[4], parameters[5], parameters[6]
+    f0, f1 = layers[0], layers[1]
+    unit, nearest, match = search(stimulus, weights, units, f0, f1, f2, a, b, c, d, e, theta, rho)
+    if rate > 0.0 and unit == NO_UNIT and units < weights.shape[0]:
+        match = match_of(f0[Q], f1[P], c, e)
+        learn(weights, units, f1[U], d, 1.0)
+        return units, nearest, match
+    if rate > 0.0 and unit >= 0:
+        learn(weights, unit, f1[U], d, rate)
+    return unit, nearest, match

@@ -13,11 +13,7 @@ from numba.core.errors import NumbaPendingDeprecationWarning
 
 NAME = "art2_machine_code"
 SIGNATURES = {
-    "match_of": "f8(f8[::1], f8[::1], f8, f8)",
-    "search": (
-        "Tuple((i8, i8, f8))(f8[::1], f8[:, ::1], i8, f8[:, ::1], f8[:, ::1], f8[::1], f8, f8, f8, f8, f8, f8, f8)"
-    ),
-    "learn": "void(f8[:, ::1], i8, f8[::1], f8, f8)",
+    "present": "Tuple((i8, i8, f8))(f8[::1], f8[:, ::1], i8, f8[:, :, ::1], f8[::1], f8[::1], f8)",
 }
 """What ``art2.py`` calls, with the types that it calls it with."""
 

@@ -44,9 +44,15 @@ def encode(
     Raises:
         ValueError: a wrong length, a component that is not finite, or a vector with no direction (zero).
     """
-    components = [*_three("force_n", force_n), *(torque_gain_per_m * t for t in _three("torque_nm", torque_nm))]
+    if len(force_n) != AXES or len(torque_nm) != AXES:
+        _check_three("force_n", force_n)
+        _check_three("torque_nm", torque_nm)
+    (fx, fy, fz), (tx, ty, tz), gain = force_n, torque_nm, torque_gain_per_m
+    components = [float(fx), float(fy), float(fz), gain * float(tx), gain * float(ty), gain * float(tz)]
     norm = math.hypot(*components)
     if not SMALLEST_NORM <= norm <= LARGEST_NORM:
+        _check_three("force_n", force_n)
+        _check_three("torque_nm", torque_nm)
         raise ValueError(
             f"norm of the force/torque vector (torque times {torque_gain_per_m:g} 1/m): expected "
             f"{SMALLEST_NORM:g} to {LARGEST_NORM:g}, because ART2 classifies directions; got {norm:g}"
@@ -57,12 +63,10 @@ def encode(
     return np.array(components, dtype=np.float64)
 
 
-def _three(name: str, values: Sequence[float]) -> list[float]:
-    """The three finite values of an axis triple as plain floats."""
+def _check_three(name: str, values: Sequence[float]) -> None:
+    """Raise ValueError for what is no axis triple of finite values."""
     if len(values) != AXES:
         raise ValueError(f"{name}: expected {AXES} components, got {len(values)}")
-    plain = [float(value) for value in values]
-    for axis, value in zip("xyz", plain, strict=True):
+    for axis, value in zip("xyz", values, strict=True):
         if not math.isfinite(value):
-            raise ValueError(f"{name}: expected finite components, got {value} for {axis}")
-    return plain
+            raise ValueError(f"{name}: expected finite components, got {float(value)} for {axis}")
