@@ -16,7 +16,7 @@ from services.wire.version import version as own_version
 Value: TypeAlias = "int | float | str | bool | Mapping[str, Value] | Sequence[Value]"
 """What a report is made of; every measured number has its unit at the end of its name."""
 
-LIBRARIES = ("eclipse-zenoh", "msgpack", "msgspec", "numba", "numpy", "sapien")
+LIBRARIES = ("eclipse-zenoh", "msgspec", "numba", "numpy", "sapien")
 
 
 def spread(values: Sequence[float]) -> dict[str, float]:

@@ -13,7 +13,6 @@ from functools import cache
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
 
-import msgpack
 import msgspec
 
 from services.wire.definition_rules import contradiction
@@ -29,6 +28,7 @@ _KINDS = {kind.__name__: kind for kind in MESSAGES}
 _DECODERS: dict[type[Message], msgspec.msgpack.Decoder[Any]] = {
     kind: msgspec.msgpack.Decoder(kind) for kind in MESSAGES
 }
+_ENCODER = msgspec.msgpack.Encoder(order="deterministic")
 
 M = TypeVar("M", bound=Message)
 
@@ -40,8 +40,7 @@ def encoding_of(kind: type[Message]) -> str:
 
 def encode(message: Message) -> bytes:
     """Return the MessagePack map of a message; equal messages give equal bytes."""
-    packed: bytes = msgpack.packb(msgspec.to_builtins(message, builtin_types=(bytes,), order="deterministic"))
-    return packed
+    return _ENCODER.encode(message)
 
 
 def encode_json(message: Message) -> bytes:
