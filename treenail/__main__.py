@@ -59,6 +59,7 @@ COMMANDS = {
 STUDIES = {
     "experiment": "run an experiment in one process, without Zenoh",
     "leaderboard": "hold learners and a hand-written rule against each other on a suite of tasks",
+    "compare": "overlay the curves of any runs, and print their figures beside each other",
     "bench": "measure speed on this machine",
     "replay": "rebuild a run's memory and log from its journal, and compare",
     "diff": "say where two runs part",
@@ -181,6 +182,8 @@ def _study(name: str) -> Callable[[list[str]], int]:
             from treenail.commands.experiment import main
         case "leaderboard":
             from treenail.commands.leaderboard import main
+        case "compare":
+            from treenail.commands.compare import main
         case "bench":
             from experiments.bench.__main__ import main
         case "replay":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 import traceback
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -157,7 +158,7 @@ def _learn(job: Job, tell: Tell) -> Done:
     began_s = time.process_time()
     run = run_seed(job.definition, job.seed, job.episodes, tell)
     episodes, digests = run.result.episodes, run.result.digests
-    made = _outcome(episodes, episodes[-1].states, began_s)
+    made = outcome(episodes, cpu_s=time.process_time() - began_s)
     whole = msgspec.structs.replace(made, digests=digests, skill_sha256=run.skill.sha256)
     return Done(whole, file_bytes(run.skill))
 
@@ -167,14 +168,14 @@ def _play(job: Job, tell: Tell) -> Done:
         raise TreenailError(f"controller: expected one of {', '.join(BASELINES)}, got {job.method}")
     began_s, definition = time.process_time(), _definition(job)
     done = trial(definition, Controlled(job.method).controller(definition, job.seed), job.seed, job.episodes, tell)
-    return Done(_outcome(done.episodes, len(done.states), began_s))
+    return Done(outcome(done.episodes, len(done.states), time.process_time() - began_s))
 
 
 def _frozen(job: Job, tell: Tell) -> Done:
     assert job.skill is not None
     began_s, definition = time.process_time(), job.definition
     done = trial(definition, FrozenSkill(job.skill, definition, job.seed), job.seed, job.episodes, tell)
-    return Done(_outcome(done.episodes, len(done.states), began_s))
+    return Done(outcome(done.episodes, len(done.states), time.process_time() - began_s))
 
 
 def _oracle(job: Job, tell: Tell) -> Done:
@@ -192,18 +193,19 @@ def _oracle(job: Job, tell: Tell) -> Done:
         raise TreenailError("oracle: expected an insertion, found none")
     tell(1)
     least = min(front, key=lambda attempt: attempt.summary.mean_force_n)
-    return Done(_outcome([least.summary], 0, began_s))
+    return Done(outcome([least.summary], 0, time.process_time() - began_s))
 
 
-def _outcome(episodes: tuple[EpisodeSummary, ...] | list[EpisodeSummary], states: int, began_s: float) -> Outcome:
+def outcome(episodes: Sequence[EpisodeSummary], states: int | None = None, cpu_s: float = 0.0) -> Outcome:
+    """Return what came of some episodes, at least one; without ``states`` those that the last of them knew."""
     return Outcome(
         outcomes="".join(LETTERS[summary.outcome] for summary in episodes),
         returns=[summary.episode_return for summary in episodes],
         force_n=[summary.mean_force_n for summary in episodes],
         peak_n=[summary.peak_force_n for summary in episodes],
         moves=[summary.moves for summary in episodes],
-        states=states,
-        cpu_s=time.process_time() - began_s,
+        states=episodes[-1].states if states is None else states,
+        cpu_s=cpu_s,
     )
 
 

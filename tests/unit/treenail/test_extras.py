@@ -85,6 +85,7 @@ def test_what_needs_no_cell_either_just_works(words: tuple[str, ...]) -> None:
         ("treenail", ("bench", "sim"), "sim"),
         ("treenail", ("reproduce", "--out", "nowhere"), "reproduce"),
         ("treenail", ("leaderboard", "--out", "nowhere"), "cli"),
+        ("treenail", ("compare", "nowhere"), "cli"),
         ("treenail", ("pterm", "/dev/null"), "robot_link"),
         ("treenail", ("pfloppy", "/dev/null", "."), "robot_link"),
         ("services.viewer", NOBODY, "viewer"),
