@@ -5,7 +5,8 @@
     results = treenail.run(treenail.load("chamfered-q-softmax"), seeds=2, episodes=100)
     results.table()  # a row an episode, for pandas.DataFrame
 
-docs/python.md has more. Loading this module takes no time; what runs experiments is loaded with the first use of it.
+With Gymnasium, ``gymnasium.make("treenail/PegInHole-v0")`` is the same task for an agent of one's own. docs/python.md
+has more. Loading this module takes no time; what runs experiments is loaded with the first use of it.
 """
 
 from __future__ import annotations
@@ -15,6 +16,8 @@ from importlib.machinery import PathFinder
 from importlib.util import module_from_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
+
+from treenail.registration import when_loaded
 
 if TYPE_CHECKING:
     from treenail.api import (
@@ -50,7 +53,7 @@ def __getattr__(name: str) -> object:
     """Load what is asked for. Raises AttributeError."""
     if name not in __all__:
         raise AttributeError(f"module 'treenail' has no attribute {name!r}; it has {', '.join(__all__)}")
-    _take_own_packages()
+    take_own_packages()
     from treenail import api
 
     return getattr(api, name)
@@ -60,7 +63,7 @@ def __dir__() -> list[str]:
     return __all__
 
 
-def _take_own_packages() -> None:
+def take_own_packages() -> None:
     """Load the packages beside this one, also where a folder of the caller's has the name of one of them.
 
     Raises ImportError when theirs is loaded already.
@@ -79,3 +82,6 @@ def _take_own_packages() -> None:
                 f"treenail: expected its own package {name}, got the one of {file or 'a bare folder'};"
                 " import treenail before it, or give it another name"
             )
+
+
+when_loaded()

@@ -27,10 +27,11 @@ EXIT_DIFFERS, EXIT_ERROR, EXIT_INTERRUPTED = 1, 2, 130
 """What was compared is not the same; it could not be done, and one line says why; Ctrl-C."""
 
 EXTRAS = {
+    "PIL": "gym",
     "artlib": "artlib",
     "cryptography": "cli",
     "distributed": "cluster",
-    "gymnasium": "reproduce",
+    "gymnasium": "gym",
     "jinja2": "reproduce",
     "matplotlib": "cli",
     "numba": "classifier",

@@ -136,8 +136,12 @@ class Insertion:
         self._now.force_n = force
         return Felt(reward, self._observe(force_n, torque_nm))
 
-    def act(self, action: Action) -> Move:
-        """Take the agent's decision about the last observation and return the motion to make."""
+    def act(self, action: Action, increment: Increment | None = None) -> Move:
+        """Take the agent's decision about the last observation and return the motion to make.
+
+        ``increment`` is made in place of the listed one, for who decides about any motion: ``action`` then says as
+        which of the list it counts.
+        """
         if self._now.observation is None or action.decision != self._now.observation.decision:
             raise TreenailError(f"task: got an action for decision {action.decision}, which is not the one waited for")
         if action.action >= len(self._increments):
@@ -149,7 +153,7 @@ class Insertion:
         self._now.observation = None
         self._now.acting = action
         self._now.moves_without_progress = 0 if action.action == INSERT else self._now.moves_without_progress + 1
-        return self._move(self._increments[action.action])
+        return self._move(self._increments[action.action] if increment is None else increment)
 
     def record(self) -> JournalEpisode:
         """Return the episode so far, as the journal and catching-up workers want it."""
