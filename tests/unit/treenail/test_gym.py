@@ -109,7 +109,7 @@ def test_it_is_the_task_of_every_other_run() -> None:
     rule, episodes = ComplianceRule(env.definition), 6
     expected = trial(env.definition, rule, 5, episodes).episodes
     expected = tuple(summary for summary in expected if summary.decisions)  # the others are passed over
-    got = []
+    got: list[Any] = []
     for summary in expected:
         rule.begin()
         _, info = env.reset(seed=None if got else 5)
