@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from experiments.evaluate.run import RANDOM
 from experiments.leaderboard.jobs import Job
-from experiments.leaderboard.methods import Method, variant
+from experiments.leaderboard.methods import RULE, TREENAIL, Method, variant
+from experiments.leaderboard.suite import moves_expected
 from experiments.leaderboard.targets import Target, target_of
 from services.wire.definition import Definition
 from services.wire.errors import DefinitionError
@@ -14,6 +16,10 @@ from services.wire.errors import DefinitionError
 EPISODES, QUICK_EPISODES = 300, 100
 BASELINE_EPISODES, QUICK_BASELINE_EPISODES = 40, 20
 """Of who does not learn: all count, so fewer do."""
+RANDOM_EPISODES = 10
+"""Most episodes of random moves, which take longest and teach least."""
+SLOW_MOVES, SLOW_SEEDS = 200.0, 5
+"""Where an insertion takes more moves than this, all but learner and rule run on the first few seeds only."""
 SEEDS, QUICK_SEEDS = tuple(range(100, 110)), (100, 101, 102)
 """Seeds that nobody tunes on: runs and tests use 0 to 9."""
 
@@ -47,6 +53,9 @@ def _entry(task: Definition, method: Method, length: Length) -> Entry:
         definition = variant(task, method.overrides, f"{task.name}, {method.name}")
     except DefinitionError as error:
         return Entry(task.name, method, (), str(error))
-    episodes = {"learn": length.episodes, "oracle": 1}.get(method.kind, length.baseline_episodes)
-    jobs = tuple(Job(task.name, method.name, method.kind, definition, seed, episodes) for seed in length.seeds)
+    baseline = min(length.baseline_episodes, RANDOM_EPISODES) if method.name == RANDOM else length.baseline_episodes
+    episodes = {"learn": length.episodes, "oracle": 1}.get(method.kind, baseline)
+    few = method.name not in (TREENAIL, RULE) and moves_expected(task) > SLOW_MOVES
+    seeds = length.seeds[:SLOW_SEEDS] if few else length.seeds
+    jobs = tuple(Job(task.name, method.name, method.kind, definition, seed, episodes) for seed in seeds)
     return Entry(task.name, method, jobs, target=target_of(task.name) if method.kind == "learn" else None)

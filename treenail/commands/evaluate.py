@@ -6,6 +6,7 @@ import argparse
 import json
 from pathlib import Path
 
+from msgspec import to_builtins
 from rich.table import Table
 
 from experiments.evaluate.figures import Figures
@@ -16,7 +17,7 @@ from services.cell.terminal import console
 from services.rules import skill as skill_file
 from services.rules.command_line import number, whole
 from services.wire.definition import Definition
-from services.wire.definition_file import load
+from services.wire.definition_file import load, with_overrides
 from services.wire.errors import TreenailError
 
 FIRST_SEED = 1000
@@ -33,7 +34,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--experiment", metavar="NAME_OR_FILE", help="the task (default: the one that the first skill was learnt in)"
     )
-    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a setting of the task")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="KEY=VALUE",
+        help="change a setting of the task, such as contact.friction=0.6",
+    )
     parser.add_argument("--episodes", type=whole(), default=50, metavar="N", help="insertions with each seed")
     parser.add_argument("--seeds", type=whole(), default=3, metavar="K", help=f"seeds from {FIRST_SEED} on")
     parser.add_argument(
@@ -101,6 +108,4 @@ def _task(arguments: argparse.Namespace, methods: list[Method]) -> Definition:
     learnt = [method.skill.skill.definition for method in methods if method.skill is not None]
     if not learnt:
         raise TreenailError("--experiment: expected the name of a task, since none of the methods is a skill")
-    if arguments.set:
-        raise TreenailError("--set: expected --experiment with it, whose settings it changes")
-    return learnt[0]
+    return with_overrides(to_builtins(learnt[0]), arguments.set, "--set") if arguments.set else learnt[0]

@@ -170,3 +170,18 @@ def test_a_baseline_needs_a_task(capsys: pytest.CaptureFixture[str]) -> None:
     for name in BASELINES:
         with pytest.raises(TreenailError, match="--experiment"):
             said(capsys, name)
+
+
+def test_settings_change_the_task_that_a_skill_was_learnt_in(
+    capsys: pytest.CaptureFixture[str], learnt: NamedSkill, tmp_path: Path
+) -> None:
+    path = tmp_path / "peg.skill"
+    skill_file.write(path, learnt)
+    plain, slippery, far = (
+        json.loads(said(capsys, str(path), "--json", *words))["methods"]["rule"]
+        for words in ([], ["--set", "contact.friction=0.0"], ["--set", "start.xy_spread_mm=0.1"])
+    )
+    assert plain["force_n"] != slippery["force_n"]
+    assert plain["moves"] != far["moves"]
+    with pytest.raises(TreenailError, match=r"--set contact.friction=9.*expected"):
+        said(capsys, str(path), "--set", "contact.friction=9")
