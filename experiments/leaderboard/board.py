@@ -64,7 +64,7 @@ def board(entries: Sequence[Entry], results: Results) -> Board:
         if (of_seeds := outcomes[entry.task, entry.method.name])
     }
     rows = tuple(_row(entry, made, results) for entry in entries)
-    return Board(rows, outcomes, tuple(dict.fromkeys(entry.method for entry in entries)))
+    return Board(rows, outcomes, tuple({entry.method.name: entry.method for entry in entries}.values()))
 
 
 def _row(entry: Entry, made: Mapping[tuple[str, str], Figures], results: Results) -> Row:

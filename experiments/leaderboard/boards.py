@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 from experiments.lab.progress import Reporter
 from experiments.leaderboard import ablation, lasting, learning, plan, transfer
 from experiments.leaderboard.folder import Folder
-from experiments.leaderboard.methods import TREENAIL, methods
+from experiments.leaderboard.methods import TREENAIL, beginning_with, methods
 from experiments.leaderboard.plan import Length
 from experiments.leaderboard.runner import Spread
 from experiments.leaderboard.suite import CHANGING, QUICK, tasks
@@ -28,6 +28,7 @@ class Wanted(NamedTuple):
     seeds: tuple[int, ...] | None = None
     episodes: int | None = None
     baseline_episodes: int | None = None
+    skills: tuple[Path, ...] = ()
 
     def length(
         self, seeds: tuple[int, ...], quick_seeds: tuple[int, ...], episodes: int, quick_episodes: int
@@ -47,7 +48,8 @@ class Wanted(NamedTuple):
 
 def _learning(wanted: Wanted) -> Plan:
     length = wanted.usual()
-    entries = plan.entries(tasks(wanted.tasks, wanted.quick), methods(wanted.methods), length)
+    some = (*methods(wanted.methods), *map(beginning_with, wanted.skills))
+    entries = plan.entries(tasks(wanted.tasks, wanted.quick), some, length)
     return lambda folder, spread, reporter: learning.make(
         learning.LEADERBOARD, entries, length, folder, spread, reporter
     )

@@ -56,7 +56,7 @@ class Job(msgspec.Struct, frozen=True, eq=False):
     seed: int
     episodes: int
     skill: NamedSkill | None = None
-    """What a frozen job does."""
+    """What a frozen job does, or a job that learns begins with."""
 
     @property
     def name(self) -> str:
@@ -156,7 +156,7 @@ def _definition(job: Job) -> Definition:
 
 def _learn(job: Job, tell: Tell) -> Done:
     began_s = time.process_time()
-    run = run_seed(job.definition, job.seed, job.episodes, tell)
+    run = run_seed(job.definition, job.seed, job.episodes, tell, job.skill)
     episodes, digests = run.result.episodes, run.result.digests
     made = outcome(episodes, cpu_s=time.process_time() - began_s)
     whole = msgspec.structs.replace(made, digests=digests, skill_sha256=run.skill.sha256)

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Literal, NamedTuple
 
 import msgspec
 
-from services.wire.definition import Art2Settings, Definition, InsertionReward, QLearning, Softmax
+from services.rules import skill as skill_file
+from services.rules.skill import NamedSkill
+from services.wire.definition import Definition
 from services.wire.definition_file import with_overrides
 from services.wire.errors import TreenailError
 
@@ -22,20 +25,27 @@ class Method(NamedTuple):
     kind: Kind
     overrides: tuple[str, ...] = ()
     """What a method that learns changes of a task's definition, as ``--set`` does."""
+    plain: tuple[str, ...] = ()
+    """Tables of the definition that are as by default first, whatever the task has there."""
+    skill: NamedSkill | None = None
+    """What a method that learns begins with."""
 
 
+LEARNERS_OWN = ("classifier", "felt", "learner", "policy", "reward", "shaping")
+"""Tables of a definition that only who learns reads."""
 TABLE = (
     'classifier={kind="art2", rho=0.95}',
     'learner={kind="q_learning"}',
     'policy={kind="softmax", beta=1.0, beta_per_episode=0.05}',
-    'reward={kind="insertion"}',
 )
-"""The thesis's learner, whatever a task comes with: ART2 on the torque as read, a table, softmax."""
+"""The thesis's learner: ART2 on the torque as read, a table, softmax, rewards of the moves alone."""
 
 RULE, TREENAIL = "rule", "treenail"
 METHODS = (
     Method(TREENAIL, "the learner that the task's definition comes with", "learn"),
-    Method("table", "the thesis's learner: ART2 on the torque as read, Q-learning, softmax", "learn", TABLE),
+    Method(
+        "table", "the thesis's learner: ART2 on the torque as read, Q-learning, softmax", "learn", TABLE, LEARNERS_OWN
+    ),
     Method(RULE, "a hand-written compliance rule: give way to force and torque, else step in +Z", "play"),
     Method("spiral", "the rule with a search in a spiral where it is pressed on a flat face", "play"),
     Method("random", "any move, each as likely", "play"),
@@ -56,20 +66,33 @@ def methods(names: list[str] | None) -> tuple[Method, ...]:
     return tuple(method for method in METHODS if method.name in wanted)
 
 
-def variant(definition: Definition, overrides: tuple[str, ...], what: str) -> Definition:
-    """Return a definition with overrides; ``what`` names it in errors. Raises DefinitionError."""
-    if not overrides:
+def beginning_with(path: Path) -> Method:
+    """Return the method that learns on from a skill's file. Raises SkillError."""
+    skill = skill_file.read(path)
+    learnt = f"{skill.skill.definition.name}, {skill.skill.episodes} episodes"
+    about = f"the task's learner, beginning with {path.name}: {learnt}"
+    return Method(f"with {path.stem}", about, "learn", skill=skill)
+
+
+def changed(definition: Definition, method: Method) -> Definition:
+    """Return a task's definition as a method has it. Raises DefinitionError, SkillError when its skill does not fit."""
+    made = variant(definition, method.overrides, f"{definition.name}, {method.name}", method.plain)
+    if method.skill is not None:
+        skill_file.fits(method.skill.skill, made)
+    return made
+
+
+def variant(definition: Definition, overrides: tuple[str, ...], what: str, plain: tuple[str, ...] = ()) -> Definition:
+    """Return a definition with some tables as by default and with overrides; ``what`` names it in errors.
+
+    Raises DefinitionError.
+    """
+    if not overrides and not plain:
         return definition
-    return with_overrides(msgspec.to_builtins(definition), overrides, what)
+    fields = {name: value for name, value in msgspec.to_builtins(definition).items() if name not in plain}
+    return with_overrides(fields, overrides, what)
 
 
 def task_alone(definition: Definition) -> Definition:
     """Return a definition without what only a learner reads: who does not learn is the same beside any learner."""
-    return msgspec.structs.replace(
-        definition,
-        classifier=Art2Settings(),
-        learner=QLearning(),
-        policy=Softmax(),
-        reward=InsertionReward(),
-        episodes=1,
-    )
+    return variant(definition, ("episodes=1",), definition.name, LEARNERS_OWN)

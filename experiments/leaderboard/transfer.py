@@ -98,7 +98,7 @@ def make(
 
 def task_of(case: Case, method: Method) -> Definition:
     """Return the definition of a case, as a method's learner meets it."""
-    task = variant(load(case.task), (*method.overrides, *case.overrides), case.name)
+    task = variant(load(case.task), (*method.overrides, *case.overrides), case.name, method.plain)
     return replace(task, moves=load(MOVES_OF).moves)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from services.rules import command_line
 from services.rules.command_line import Parser, whole
+from services.wire.errors import TreenailError
 from services.wire.randomness import MAX_SEED
 
 if TYPE_CHECKING:
@@ -49,7 +50,10 @@ def _act(arguments: argparse.Namespace) -> None:
         tuple(arguments.seeds) if arguments.seeds else None,
         arguments.episodes,
         arguments.baseline_episodes,
+        tuple(arguments.skill),
     )
+    if arguments.skill and arguments.board != "learning":
+        raise TreenailError(f"--skill: expected no --{arguments.board} with it, which begins with nothing learnt")
     make = boards.BOARDS[arguments.board]
     with reporter() as report:
         folder, plan = Folder(arguments.out, report.say), make(wanted)
@@ -80,6 +84,9 @@ def _parser() -> Parser:
     parser.set_defaults(board="learning")
     parser.add_argument("--tasks", nargs="+", metavar="NAME", help="only these, such as suite-round or 'suite-*'")
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="only these, and the rule")
+    parser.add_argument(
+        "--skill", type=Path, nargs="+", default=[], metavar="FILE", help="and the learner that begins with this skill"
+    )
     parser.add_argument("--seeds", type=_seeds, metavar="A..B,C", help="such as 100..109, the default")
     parser.add_argument("--episodes", type=whole(), metavar="N", help="of who learns (default: 300)")
     parser.add_argument("--baseline-episodes", type=whole(), metavar="N", help="of who does not learn (default: 40)")

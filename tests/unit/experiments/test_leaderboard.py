@@ -8,14 +8,16 @@ from pathlib import Path
 
 import pytest
 
+from experiments.lab.in_process import InProcessRun
 from experiments.lab.progress import Lines
 from experiments.leaderboard import jobs as jobs_module
 from experiments.leaderboard import learning, plan, runner
 from experiments.leaderboard.board import board
+from experiments.leaderboard.boards import BOARDS, Wanted
 from experiments.leaderboard.figures import FIRST, Figures, figures, ratio
 from experiments.leaderboard.folder import Folder
 from experiments.leaderboard.jobs import Done, Job, Order, Outcome, key, work
-from experiments.leaderboard.methods import METHODS, RULE, TREENAIL, Method, methods, variant
+from experiments.leaderboard.methods import METHODS, RULE, TREENAIL, Method, changed, methods
 from experiments.leaderboard.plan import Length
 from experiments.leaderboard.suite import tasks
 from experiments.leaderboard.targets import TARGETS, Target, target_of, verdict
@@ -129,7 +131,7 @@ def test_a_target_is_that_of_the_first_pattern_that_fits() -> None:
 def test_the_table_is_the_thesiss_learner_whatever_the_task_comes_with() -> None:
     (table,) = (method for method in METHODS if method.name == "table")
     other = load("suite-round", ["learner.kind=sarsa", "classifier.torque_gain_per_m=30.0", "policy.kind=greedy"])
-    made = variant(other, table.overrides, "x")
+    made = changed(other, table)
     assert made.learner == QLearning()
     assert made.classifier == Art2Settings(rho=0.95)
     assert made.policy == Softmax(beta=1.0, beta_per_episode=0.05)
@@ -252,3 +254,27 @@ def test_an_unknown_task_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("treenail leaderboard: --tasks: expected some of")
     assert not (tmp_path / "x").exists()
+
+
+def test_a_skill_is_begun_with_and_one_that_does_not_fit_is_named(tmp_path: Path) -> None:
+    run = InProcessRun(ROUND, 3)
+    list(run.episodes(3))
+    skill_file.write(tmp_path / "peg.skill", run.learnt())
+    wanted = Wanted(
+        tasks=["suite-round", "suite-square"], methods=[RULE], seeds=(100,), episodes=2, baseline_episodes=1
+    )
+    plan_of = BOARDS["learning"](wanted._replace(skills=(tmp_path / "peg.skill",)))
+    page, failures = plan_of(Folder(tmp_path, lambda _: None), Here(), quiet())
+    assert failures == 0
+    rows = {(row["task"], row["method"]): row for row in json.loads((tmp_path / NUMBERS).read_text())["rows"]}
+    assert rows["suite-round", "with peg"]["figures"]["episodes"] == 2
+    assert "actions" in rows["suite-square", "with peg"]["missing"][0], "nine moves are not eleven"
+    (learnt,) = (skill_file.read(path) for path in (tmp_path / "skills").iterdir())
+    assert learnt.skill.episodes == 5
+    assert learnt.skill.skill_sha256 == run.learnt().sha256
+    assert "beginning with peg.skill: suite-round, 3 episodes" in page.read_text()
+
+
+def test_boards_that_begin_with_nothing_take_no_skill(capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main(["--long", "--skill", "x.skill"]) == 2
+    assert "--skill: expected no --long with it" in capsys.readouterr().err
