@@ -230,7 +230,7 @@ def corridor_moves(
     """
     lean_x, lean_y, upright = axis(flange.orientation)
     tilt_x, tilt_y = math.degrees(math.atan2(-lean_y, upright)), math.degrees(math.atan2(lean_x, upright))
-    spin = math.degrees(2.0 * math.atan2(flange.qz, flange.qw)) if definition.parts.shape == "square" else 0.0
+    spin = math.degrees(2.0 * math.atan2(flange.qz, flange.qw)) if definition.parts.shape != "round" else 0.0
     total = (abs(tilt_x) + abs(tilt_y) + abs(spin)) / definition.moves.rotation_deg
     ways = []
     for part in (0.0, 0.25, 0.5, 0.75, 1.0) if definition.moves.actions > 5 else (0.0,):

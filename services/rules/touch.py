@@ -13,6 +13,7 @@ import math
 
 from services.rules.workspace import UPRIGHT, Matrix, Vector, rotation, turned
 from services.wire.actions import Increment
+from services.wire.cross_section import CrossSection
 from services.wire.definition import Definition
 from services.wire.messages import FtPacket, Home
 
@@ -27,10 +28,9 @@ class Touch:
 
     def __init__(self, definition: Definition) -> None:
         parts, wrist, noise = definition.parts, definition.wrist, definition.noise
-        self._square = parts.shape == "square"
+        self._section = CrossSection(parts)
         self._clearance_mm, self._chamfer_mm = parts.clearance_mm, parts.chamfer_mm
-        self._half_mm = parts.peg_width_mm / 2
-        self._edge = _edge(self._square, self._half_mm)
+        self._edge = _edge(self._section)
         self._contact_n = definition.limits.contact_force_n
         # The tip gives way by the wrist's shift, by its turn about the sensor's point, and by the peg's own surface.
         soft = 1.0 / wrist.stiffness_n_per_mm + wrist.sensor_height_mm**2 / (1000.0 * wrist.stiffness_nm_per_rad)
@@ -86,15 +86,15 @@ class Touch:
         for point in self._edge:
             dx, dy, dz = turned(self._turn, point)
             px, py, pz = x + dx, y + dy, z + dz
-            aside = max(abs(px), abs(py)) if self._square else math.hypot(px, py)
-            over = aside - self._half_mm - self._clearance_mm - max(0.0, self._chamfer_mm - pz)
+            beyond = self._section.aside(px, py) - self._section.half_width_mm
+            over = beyond - self._clearance_mm - max(0.0, self._chamfer_mm - pz)
             deepest_mm = max(deepest_mm, min(pz, over / math.sqrt(2.0)))
         return deepest_mm
 
 
-def _edge(square: bool, half_mm: float) -> tuple[Vector, ...]:
+def _edge(section: CrossSection) -> tuple[Vector, ...]:
     """Return points on the edge of the tip, in the tool frame [mm]."""
-    if square:
-        return tuple((x, y, 0.0) for x in (-half_mm, half_mm) for y in (-half_mm, half_mm))
+    if not section.is_round:
+        return tuple((x, y, 0.0) for x, y in section.corners)
     angles = (2.0 * math.pi * n / _POINTS for n in range(_POINTS))
-    return tuple((half_mm * math.cos(angle), half_mm * math.sin(angle), 0.0) for angle in angles)
+    return tuple((section.radius_mm * math.cos(angle), section.radius_mm * math.sin(angle), 0.0) for angle in angles)

@@ -1,9 +1,10 @@
 """Pure geometry of peg and hole: convex pieces for the physics, and a free-space test that needs no physics.
 
-A hole is a regular polygon ring: 40 sides for a round hole, 4 for a square one. Its profile, the distance of the
-walls from the axis over the depth z, is ``half_width + chamfer`` at the mouth (z = 0), falls at 45 degrees to
-``half_width`` at z = chamfer and stays there. Seen in section the material is convex, so one convex piece per side
-holds chamfer and bore together. All lengths in mm, all points in the hole frame unless a docstring says otherwise.
+A hole is a polygon ring: 40 sides for a round hole, 4 for a square or rectangular one, 3 for a triangular one. Its
+profile, the distance of the walls from the axis over the depth z, is ``half_width + chamfer`` at the mouth (z = 0),
+falls at 45 degrees to ``half_width`` at z = chamfer and stays there. Seen in section the material is convex, so one
+convex piece per side holds chamfer and bore together. A rectangle is a square whose sides facing +Y and -Y are nearer
+by the same length everywhere. All lengths in mm, all points in the hole frame unless a docstring says otherwise.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from services.sim.pose import Pose, Vector, axis, rotate
+from services.wire.cross_section import CrossSection
 from services.wire.definition import Parts
 
 Vertices = npt.NDArray[np.float32]
@@ -31,16 +33,17 @@ class Geometry:
     """Sizes of peg and hole [mm] as both the physics and the free-space test use them.
 
     A round peg's polygon lies inside its circle and a round hole's polygon outside its own, so a contact never comes
-    earlier than between the true circles and at most 0.08 mm later (for the default peg).
+    earlier than between the true circles, and later the more the peg is turned about its axis (docs/decisions/0025).
     """
 
+    section: CrossSection
     sides: int
     peg_half_width: float
-    """Radius of a round peg, half the side of a square one."""
+    """How far the peg's sides are from its axis: its radius, or half the side of a square (of a rectangle along X)."""
     peg_length: float
     """Length of the body that can touch something; more than goes in."""
     hole_half_width: float
-    """Radius of the bore, or half its side."""
+    """The same of the bore."""
     chamfer: float
     depth: float
     """Depth of the bore: the peg cannot reach its end."""
@@ -50,10 +53,15 @@ class Geometry:
     @property
     def is_round(self) -> bool:
         """Whether the polygon stands for a circle."""
-        return self.sides == ROUND_SIDES
+        return self.section.is_round
+
+    @property
+    def tip_lever(self) -> float:
+        """At least half of how far the farthest point of the tip is from its centre [mm]."""
+        return max(self.peg_half_width, self.section.radius_mm / 2.0)
 
     def wall(self, z_mm: float) -> float:
-        """Distance of the hole's walls from its axis at depth z >= 0 [mm]."""
+        """Distance of the hole's walls from its axis at depth z >= 0 [mm], as ``CrossSection.aside`` counts it."""
         return self.hole_half_width + max(0.0, self.chamfer - z_mm)
 
 
@@ -63,11 +71,13 @@ def geometry_of(parts: Parts) -> Geometry:
     The block reaches 45 mm beyond the mouth, more than the widest start offset, so the peg cannot miss it; the bore
     is deeper than the peg is long.
     """
-    hole_half_width = parts.peg_width_mm / 2 + parts.clearance_mm
+    section = CrossSection(parts)
+    hole_half_width = section.half_width_mm + parts.clearance_mm
     peg_length = 2.0 * parts.peg_height_mm + parts.chamfer_mm
     return Geometry(
-        sides=ROUND_SIDES if parts.shape == "round" else 4,
-        peg_half_width=parts.peg_width_mm / 2,
+        section=section,
+        sides=ROUND_SIDES if section.is_round else len(section.corners),
+        peg_half_width=section.half_width_mm,
         peg_length=peg_length,
         hole_half_width=hole_half_width,
         chamfer=parts.chamfer_mm,
@@ -101,7 +111,7 @@ def hole_pieces(geometry: Geometry) -> list[Vertices]:
     pieces = []
     for first, second in zip(corners, corners[1:] + corners[:1], strict=True):
         points = [(r * outward * x, r * outward * y, z) for x, y in (first, second) for r, z in section]
-        pieces.append(np.array(points, dtype=np.float32))
+        pieces.append(_narrowed(geometry, points))
     return pieces
 
 
@@ -112,8 +122,17 @@ def peg_vertices(geometry: Geometry) -> Vertices:
         # lying in a corner has two contacts to choose from, and the solver changes its mind at every step.
         reach, corners = geometry.peg_half_width, _corner_directions(geometry.sides, turn=0.5)
     else:
-        reach, corners = geometry.peg_half_width * math.sqrt(2.0), _corner_directions(geometry.sides)
+        outward = 1.0 / math.cos(math.pi / geometry.sides)
+        reach, corners = geometry.peg_half_width * outward, _corner_directions(geometry.sides)
     points = [(reach * x, reach * y, z) for z in (0.0, -geometry.peg_length) for x, y in corners]
+    return _narrowed(geometry, points)
+
+
+def _narrowed(geometry: Geometry, points: list[Vector]) -> Vertices:
+    """Return corner points of a regular polygon's pieces as they are in a rectangle: nearer to the plane Y = 0."""
+    narrower = geometry.section.narrower_mm
+    if narrower:
+        points = [(x, y - narrower * math.copysign(1.0, y), z) for x, y, z in points]
     return np.array(points, dtype=np.float32)
 
 
@@ -122,7 +141,7 @@ def clearance(geometry: Geometry, pose: Pose, deepest_mm: float | None = None) -
 
     The peg counts as endless behind its tip, and only depths from 0 to ``deepest_mm`` count (by default down to the
     peg's deepest point). A cut across the hole at depth z meets a round peg in an ellipse within
-    ``|c(z)| + R / cos(tilt)`` of the axis, c(z) being the peg's axis; it meets a square peg in the hull of its four
+    ``|c(z)| + R / cos(tilt)`` of the axis, c(z) being the peg's axis; it meets any other peg in the hull of its
     edge lines. Both reaches are convex in z and the wall is linear between mouth, end of chamfer and deepest point,
     so the least distance is at one of these three. While the tip is in the chamfer, the edge of the tip itself gives
     a better bound than a cut at its deepest point. Infinite when the whole peg is above the mouth.
@@ -137,11 +156,9 @@ def clearance(geometry: Geometry, pose: Pose, deepest_mm: float | None = None) -
     return min(at_mouth, max(_clearance_at(geometry, pose, lowest), _tip_clearance(geometry, pose)))
 
 
-def _square_corners(geometry: Geometry, pose: Pose) -> list[Vector]:
-    """Corners of a square peg's tip in the hole frame."""
-    half = geometry.peg_half_width
-    offsets = ((half, half, 0.0), (-half, half, 0.0), (-half, -half, 0.0), (half, -half, 0.0))
-    turned = [rotate(pose.orientation, offset) for offset in offsets]
+def _tip_corners(geometry: Geometry, pose: Pose) -> list[Vector]:
+    """Corners of the tip of a peg that has any, in the hole frame."""
+    turned = [rotate(pose.orientation, (x, y, 0.0)) for x, y in geometry.section.corners]
     return [(pose.x_mm + dx, pose.y_mm + dy, pose.z_mm + dz) for dx, dy, dz in turned]
 
 
@@ -154,8 +171,8 @@ def _clearance_at(geometry: Geometry, pose: Pose, z_mm: float) -> float:
         reach = math.hypot(pose.x_mm + sink * slope_x, pose.y_mm + sink * slope_y) + geometry.peg_half_width / upright
     else:
         reach = max(
-            max(abs(x + (z_mm - z) * slope_x), abs(y + (z_mm - z) * slope_y))
-            for x, y, z in _square_corners(geometry, pose)
+            geometry.section.aside(x + (z_mm - z) * slope_x, y + (z_mm - z) * slope_y)
+            for x, y, z in _tip_corners(geometry, pose)
         )
     return geometry.wall(z_mm) - reach
 
@@ -169,7 +186,7 @@ def _tip_clearance(geometry: Geometry, pose: Pose) -> float:
     """
     mouth = geometry.wall(0.0)
     if not geometry.is_round:
-        return mouth - max(max(abs(x), abs(y)) + z for x, y, z in _square_corners(geometry, pose))
+        return mouth - max(geometry.section.aside(x, y) + z for x, y, z in _tip_corners(geometry, pose))
     lean_x, lean_y, upright = axis(pose.orientation)
     root = math.sqrt(2.0 - upright * upright)
     pull = geometry.peg_half_width * upright / root
@@ -183,8 +200,8 @@ def deepest(geometry: Geometry, pose: Pose) -> float:
         lean_x, lean_y, _ = axis(pose.orientation)
         return pose.z_mm + geometry.peg_half_width * math.hypot(lean_x, lean_y)
     w, x, y, z = pose.orientation
-    half = geometry.peg_half_width
-    return pose.z_mm + 2.0 * half * (abs(x * z - w * y) + abs(y * z + w * x))
+    sink_x, sink_y = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x)
+    return pose.z_mm + max(cx * sink_x + cy * sink_y for cx, cy in geometry.section.corners)
 
 
 def is_free_move(geometry: Geometry, start: Pose, end: Pose) -> bool:
@@ -198,7 +215,7 @@ def is_free_move(geometry: Geometry, start: Pose, end: Pose) -> bool:
     dot = abs(sum(a * b for a, b in zip(start[3:], end[3:], strict=True)))
     angle = 0.0 if start[3:] == end[3:] else 2.0 * math.acos(min(1.0, dot)) + 1e-7
     shift = math.dist(start[:3], end[:3])
-    lever = 2.0 * (geometry.peg_half_width + abs(start.z_mm) + abs(end.z_mm))
+    lever = 2.0 * (geometry.tip_lever + abs(start.z_mm) + abs(end.z_mm))
     needed = MARGIN_MM + angle * angle * lever / 4.0 + angle * shift
     lowest = max(deepest(geometry, start), deepest(geometry, end)) + angle * angle * lever / 4.0
     if lowest < -needed:

@@ -69,7 +69,7 @@ SLERP_FACTOR = 4.0
 """PhysX's rotational drive works on the imaginary part of the quaternion, half the angle, and with half the lever: a
 quarter of the stiffness asked for. Measured with known torques; ``test_torque_is_lever_times_force`` watches it.
 """
-SOLVER_ITERATIONS = {"round": 30, "square": 60}
+SOLVER_ITERATIONS = {"round": 30, "square": 60, "rectangle": 60, "triangle": 60}
 """A jammed square peg has eight contacts at once; a round one settles as well with 30 as with 60."""
 CONTACT_OFFSET_MM = 0.03
 """Distance at which PhysX begins to watch two surfaces; a greater one costs time and changes nothing."""
@@ -127,12 +127,21 @@ class World:
         """True contact state by ``services.sim.contact_state.label``, for evaluation only."""
         if self._at_flange:
             return FREE
-        points = [
-            ContactPoint(tuple(point.position.tolist()), math.hypot(*point.impulse.tolist()) / STEP_S * 1e-3)
-            for contact in self._system.get_contacts()
-            for point in contact.points
-        ]
+        points = [ContactPoint(position_mm, math.hypot(*force_n)) for position_mm, force_n in self.touching()]
         return label(points, self._geometry, self.peg)
+
+    def touching(self) -> list[tuple[Vector, Vector]]:
+        """Points where peg and hole touch, and the force [N] on the peg at each, both of shape (3,), in the hole frame.
+
+        It is what the last time step transmitted; for evaluation only.
+        """
+        pairs = []
+        for contact in self._system.get_contacts():
+            newton = (1.0 if contact.bodies[0] == self._body else -1.0) / STEP_S * 1e-3
+            for point in contact.points:
+                x, y, z = point.impulse.tolist()
+                pairs.append((tuple(point.position.tolist()), (newton * x, newton * y, newton * z)))
+        return pairs
 
     def home(self, pose: Pose) -> Reading:
         """Put flange and peg at ``pose``, at rest, and begin afresh.

@@ -12,15 +12,17 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
+from msgspec.structs import replace
 
+from services.wire.cross_section import CrossSection
 from services.wire.definition import Parts
 
 Points = npt.NDArray[np.float32]
 
 _RIM_MM = 7.0
 """Material shown around the mouth."""
-_ROUND_STEPS = 64
-_SQUARE_STEPS = 8
+_STEPS = {"round": 64, "square": 8, "rectangle": 8, "triangle": 12}
+"""Places on the way round: multiples of 4, so that the cut is where they are, with every corner among them."""
 _CUT = 0.75
 """Part of the way round that the hole is shown for: the quarter from -Y to +X is open."""
 
@@ -37,44 +39,46 @@ class Mesh:
 
 def hole_mesh(parts: Parts) -> Mesh:
     """Return the hole: bore, chamfer and the material around them."""
-    bore = parts.peg_width_mm / 2 + parts.clearance_mm
+    section = CrossSection(parts)
+    bore = section.half_width_mm + parts.clearance_mm
     mouth, depth = bore + parts.chamfer_mm, _depth(parts)
     outer = mouth + _RIM_MM
-    section = [(bore, depth), (bore, parts.chamfer_mm), (mouth, 0.0), (outer, 0.0), (outer, depth)]
+    profile = [(bore, depth), (bore, parts.chamfer_mm), (mouth, 0.0), (outer, 0.0), (outer, depth)]
     around = _directions(parts)
     around = around[: round(_CUT * (len(around) - 1)) + 1]
     quads = [
         [_at(here, p), _at(there, p), _at(there, q), _at(here, q)]
         for here, there in pairwise(around)
-        for p, q in zip(section, section[1:] + section[:1], strict=True)
+        for p, q in zip(profile, profile[1:] + profile[:1], strict=True)
     ]
-    # The cut faces; the section is convex, so that a fan from one corner covers it.
-    corner = section[-1]
+    # The cut faces; the profile is convex, so that a fan from one corner covers it.
+    corner = profile[-1]
     for direction in (around[0], around[-1]):
-        for p, q in pairwise(section[:-1]):
+        for p, q in pairwise(profile[:-1]):
             quads.append([_at(direction, corner), _at(direction, p), _at(direction, q), _at(direction, q)])
     return _mesh(quads)
 
 
 def peg_mesh(parts: Parts) -> Mesh:
     """Return the peg: a closed prism."""
-    half, length = parts.peg_width_mm / 2, peg_length(parts)
+    half, length = CrossSection(parts).half_width_mm, peg_length(parts)
     around = _directions(parts)
-    section = [(0.0, 0.0), (half, 0.0), (half, -length), (0.0, -length)]
+    profile = [(0.0, 0.0), (half, 0.0), (half, -length), (0.0, -length)]
     quads = [
         [_at(here, p), _at(there, p), _at(there, q), _at(here, q)]
         for here, there in pairwise(around)
-        for p, q in pairwise(section)
+        for p, q in pairwise(profile)
     ]
     return _mesh(quads)
 
 
 def peg_outline(parts: Parts) -> list[Points]:
     """Return lines that show how the peg is turned: edges of tip and back, one line along the body, and the axis."""
-    half, length = parts.peg_width_mm / 2, peg_length(parts)
+    half, length = CrossSection(parts).half_width_mm, peg_length(parts)
     around = _directions(parts)
     lines = [[_at(direction, (half, z)) for direction in around] for z in (0.0, -length)]
-    lines.append([_at(around[-2], (half, 0.0)), _at(around[-2], (half, -length))])
+    edge = around[-2]
+    lines.append([_at(edge, (half, 0.0)), _at(edge, (half, -length))])
     lines.append([(0.0, 0.0, 0.0), (0.0, 0.0, -length)])
     return [np.array(line, dtype=np.float32) for line in lines]
 
@@ -92,18 +96,35 @@ Place = tuple[float, float, float]
 Quad = list[Place]
 
 
-def _directions(parts: Parts) -> list[tuple[float, float]]:
-    """Return where a profile of radius 1 goes on its way round: from +X by +Y back to +X."""
-    steps = _ROUND_STEPS if parts.shape == "round" else _SQUARE_STEPS
-    angles = [2 * math.pi * step / steps for step in range(steps + 1)]
-    around = [(math.cos(angle), math.sin(angle)) for angle in angles]
-    if parts.shape == "square":
-        around = [(x / max(abs(x), abs(y)), y / max(abs(x), abs(y))) for x, y in around]
+@dataclass(frozen=True)
+class _Direction:
+    """A way out from the axis: x = x_per_mm * d and y = y_per_mm * d - nearer for the outline d mm from the axis."""
+
+    x_per_mm: float
+    y_per_mm: float
+    nearer_mm: float
+
+
+def _directions(parts: Parts) -> list[_Direction]:
+    """Return where an outline is on its way round: from +X by +Y back to +X."""
+    section, steps = CrossSection(parts), _STEPS[parts.shape]
+    round_of = replace(parts, shape="square", peg_breadth_mm=0.0) if parts.shape == "rectangle" else parts
+    regular, around = CrossSection(round_of), []
+    for step in range(steps + 1):
+        angle = 2 * math.pi * step / steps
+        x, y = math.cos(angle), math.sin(angle)
+        away = regular.aside(x, y)
+        # A rectangle is a square whose sides facing +Y and -Y are nearer.
+        on_side = 0.0 if abs(y) < 0.5 * away else section.narrower_mm * math.copysign(1.0, y)
+        around.append(_Direction(x / away, y / away, on_side))
     return around
 
 
-def _at(direction: tuple[float, float], profile: tuple[float, float]) -> Place:
-    return (profile[0] * direction[0], profile[0] * direction[1], profile[1])
+def _at(direction: _Direction, profile: tuple[float, float]) -> Place:
+    away, z = profile
+    if away == 0.0:
+        return (0.0, 0.0, z)
+    return (away * direction.x_per_mm, away * direction.y_per_mm - direction.nearer_mm, z)
 
 
 def _mesh(quads: list[Quad]) -> Mesh:

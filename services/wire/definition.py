@@ -41,10 +41,12 @@ from services.wire.message_base import LONGEST_EPISODE, LONGEST_RUN
 class Parts(Checked, frozen=True, kw_only=True):
     """Geometry of peg and hole (thesis 6.2, Fig. 6.4)."""
 
-    shape: Literal["round", "square"] = "round"
-    """Cross-section of peg and hole."""
+    shape: Literal["round", "square", "rectangle", "triangle"] = "round"
+    """Cross-section of peg and hole; a triangle is equilateral, one side facing +X."""
     peg_width_mm: Annotated[float, Meta(ge=2, le=100)] = 24.8
-    """Diameter of a round peg, side of a square one."""
+    """Diameter of a round peg, side of a square or triangular one, of a rectangular one the side along X."""
+    peg_breadth_mm: Annotated[float, Meta(ge=0, le=100)] = 0.0
+    """Side of a rectangular peg along Y; 0 for every other shape."""
     peg_height_mm: Annotated[float, Meta(ge=2, le=100)] = 14.7
     """Length of the part of the peg that goes into the hole."""
     clearance_mm: Annotated[float, Meta(gt=0, le=10)] = 0.5

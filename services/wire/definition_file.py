@@ -31,6 +31,7 @@ _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`", re.DOTALL)
 _MAX_FILE_BYTES = 65_536
 _LATER: Mapping[str, object] = {
     "limits.truncation": "terminal",
+    "parts.peg_breadth_mm": 0.0,
     "start.x_spread_mm": 0.0,
     "start.y_spread_mm": 0.0,
     "start.rx_spread_deg": 0.0,

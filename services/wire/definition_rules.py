@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import math
 
+from services.wire.cross_section import Corner, CrossSection
 from services.wire.definition import Art2Settings, Definition
 from services.wire.force_bound import ForceBound
 
 _ROUNDING = 1e-9
+_TURNS = 4
+"""Angles on each side that a peg's turn is looked at; a corner reaches farthest at the greatest but in flat shapes."""
+LEAST_BREADTH_MM = 2.0
+"""Least side of a peg, as for ``peg_width_mm``."""
 _SOFTEST_N_PER_MM = 1.0
 """A peg softer than this sinks into the material instead of touching it."""
 
@@ -46,6 +51,12 @@ def contradiction(definition: Definition) -> tuple[str, str] | None:
             f"expected less than parts.peg_width_mm = {parts.peg_width_mm}, got {parts.clearance_mm}",
         ),
         (
+            parts.peg_breadth_mm >= LEAST_BREADTH_MM if parts.shape == "rectangle" else parts.peg_breadth_mm == 0.0,
+            "parts.peg_breadth_mm",
+            f"expected at least {LEAST_BREADTH_MM} with shape 'rectangle' and 0 with any other, got "
+            f"{parts.peg_breadth_mm} and {parts.shape!r}",
+        ),
+        (
             dip_mm < height_mm or _aside_mm(definition) < room_mm,
             "start.height_mm",
             f"expected more than {dip_mm:.3f}, or the tilted tip starts inside the material, got {height_mm}",
@@ -81,8 +92,10 @@ def _dip_mm(definition: Definition) -> float:
     rx = math.radians(abs(start.rx_deg) + rx_spread_deg)
     ry = math.radians(abs(start.ry_deg) + ry_spread_deg)
     slope_x, slope_y = math.sin(ry), math.cos(ry) * math.sin(rx)
-    reach = math.hypot(slope_x, slope_y) if parts.shape == "round" else slope_x + slope_y
-    return parts.peg_width_mm / 2 * reach
+    section = CrossSection(parts)
+    if section.is_round:
+        return section.radius_mm * math.hypot(slope_x, slope_y)
+    return max(slope_x * abs(x_mm) + slope_y * abs(y_mm) for x_mm, y_mm in section.corners)
 
 
 def _aside_mm(definition: Definition) -> float:
@@ -90,10 +103,20 @@ def _aside_mm(definition: Definition) -> float:
     parts, start = definition.parts, definition.start
     x_spread_mm, y_spread_mm, _, _, rz_spread_deg = start.spreads
     x_mm, y_mm = abs(start.x_mm) + x_spread_mm, abs(start.y_mm) + y_spread_mm
-    if parts.shape == "round":
+    section = CrossSection(parts)
+    if section.is_round:
         return math.hypot(x_mm, y_mm)
     turn = math.radians(abs(start.rz_deg) + rz_spread_deg)
-    return max(x_mm, y_mm) + parts.peg_width_mm / 2 * (math.cos(turn) + math.sin(turn) - 1.0)
+    turned = [_turned(corner, turn * n / _TURNS) for corner in section.corners for n in range(-_TURNS, _TURNS + 1)]
+    # How far aside a point is is convex in where it is: the farthest is at a corner of the range of offsets.
+    shifts = [(sx * x_mm, sy * y_mm) for sx in (-1.0, 1.0) for sy in (-1.0, 1.0)]
+    reach_mm = max(section.aside(cx + dx, cy + dy) for cx, cy in turned for dx, dy in shifts)
+    return reach_mm - section.half_width_mm
+
+
+def _turned(corner: Corner, angle: float) -> Corner:
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return corner[0] * cosine - corner[1] * sine, corner[0] * sine + corner[1] * cosine
 
 
 def obstruction(definition: Definition) -> tuple[str, str] | None:

@@ -26,6 +26,8 @@ ACTIONS = [
 ]
 DEFAULT = Definition(name="default", parts=Parts(clearance_mm=0.25))
 SQUARE = Definition(name="square", parts=Parts(shape="square", clearance_mm=0.1, peg_height_mm=13.3))
+RECTANGLE = Definition(name="rectangle", parts=Parts(shape="rectangle", peg_breadth_mm=14.0, clearance_mm=0.1))
+TRIANGLE = Definition(name="triangle", parts=Parts(shape="triangle", clearance_mm=0.1))
 CHAMFERLESS = Definition(name="chamferless", parts=Parts(chamfer_mm=0.0))
 RUBBER = Definition(name="rubber", contact=Contact(friction=0.8, stiffness_n_per_mm=10.0))
 
@@ -58,7 +60,9 @@ def press(world: World, start: Pose, moves: int) -> Reading:
     return drive(world, start, [DOWN] * moves)[-1]
 
 
-@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, CHAMFERLESS, RUBBER], ids=lambda d: d.name)
+@pytest.mark.parametrize(
+    "definition", [DEFAULT, SQUARE, RECTANGLE, TRIANGLE, CHAMFERLESS, RUBBER], ids=lambda d: d.name
+)
 def test_a_straight_peg_goes_in_without_any_force(definition: Definition) -> None:
     world = World(definition)
     readings = drive(world, Pose(0.0, 0.0, -1.0), [DOWN] * 78)
@@ -68,7 +72,7 @@ def test_a_straight_peg_goes_in_without_any_force(definition: Definition) -> Non
     assert world.contact_state() == "free"
 
 
-@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, CHAMFERLESS], ids=lambda d: d.name)
+@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, RECTANGLE, TRIANGLE, CHAMFERLESS], ids=lambda d: d.name)
 def test_pressing_on_the_flat_top_compresses_the_spring(definition: Definition) -> None:
     world = World(definition)
     beside = Pose(0.0, 45.0, -0.05)
@@ -156,7 +160,9 @@ def test_pushing_on_and_on_collides() -> None:
     assert max(sizes) >= 10.0
 
 
-@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, CHAMFERLESS, RUBBER], ids=lambda d: d.name)
+@pytest.mark.parametrize(
+    "definition", [DEFAULT, SQUARE, RECTANGLE, TRIANGLE, CHAMFERLESS, RUBBER], ids=lambda d: d.name
+)
 def test_a_resting_reading_stays_put(definition: Definition) -> None:
     world = World(definition)
     changes: list[float] = []
@@ -199,7 +205,9 @@ def test_following_the_force_finds_the_hole_gently() -> None:
     assert greatest < 4.0
 
 
-@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, CHAMFERLESS, RUBBER], ids=lambda d: d.name)
+@pytest.mark.parametrize(
+    "definition", [DEFAULT, SQUARE, RECTANGLE, TRIANGLE, CHAMFERLESS, RUBBER], ids=lambda d: d.name
+)
 def test_an_episode_depends_on_nothing_before_it(definition: Definition) -> None:
     first = bits(wander(World(definition), START, 1))
     used = World(definition)
@@ -222,7 +230,9 @@ def test_another_process_feels_the_same_to_the_bit() -> None:
     assert done.stdout.split() == bits(wander(World(DEFAULT), START, 7))
 
 
-@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, CHAMFERLESS, RUBBER], ids=lambda d: d.name)
+@pytest.mark.parametrize(
+    "definition", [DEFAULT, SQUARE, RECTANGLE, TRIANGLE, CHAMFERLESS, RUBBER], ids=lambda d: d.name
+)
 def test_the_shortcut_agrees_with_full_physics(definition: Definition) -> None:
     quick, full = World(definition), World(definition, _always_physics=True)
     for start in (START, Pose.from_tilt(0.05, -0.05, -0.6, 0.1, 0.1, 0.0)):
@@ -254,23 +264,38 @@ def test_before_home_there_is_no_pose() -> None:
 
 # -- square and rubber: forces that can be worked out by hand -----------------------------------------------------
 
-SLIPPERY_SQUARE = Definition(
-    name="slippery-square",
-    parts=Parts(shape="square", clearance_mm=0.2, peg_height_mm=13.3),
-    contact=Contact(friction=0.0),
-)
+SLIPPERY = {
+    shape: Definition(name=f"slippery-{shape}", parts=parts, contact=Contact(friction=0.0))
+    for shape, parts in {
+        "square": Parts(shape="square", clearance_mm=0.2, peg_height_mm=13.3),
+        "rectangle": Parts(shape="rectangle", peg_breadth_mm=14.0, clearance_mm=0.2, peg_height_mm=13.3),
+        "triangle": Parts(shape="triangle", clearance_mm=0.2, peg_height_mm=13.3),
+    }.items()
+}
+SLIPPERY_SQUARE = SLIPPERY["square"]
+SIDE = 24.8
+INRADIUS = SIDE / math.sqrt(12.0)
+"""Of the triangle; its corners are twice as far from the axis."""
 
 
 def soft(definition: Definition, stiffness_n_per_mm: float) -> Definition:
     return replace(definition, contact=Contact(friction=0.0, stiffness_n_per_mm=stiffness_n_per_mm))
 
 
-@pytest.mark.parametrize("stiffness", [0.0, 5.0, 10.0, 40.0])
-def test_a_corner_on_the_flat_top_is_springs_in_series(stiffness: float) -> None:
-    """Tilted by 10 and 10 degrees, one corner of a square tip touches: the wrist's springs and the peg's surface."""
-    definition = soft(SLIPPERY_SQUARE, stiffness)
-    tilted = Pose.from_tilt(0.0, 50.0, 0.0, 10.0, 10.0)
-    corner = (-12.4, 12.4, 0.0)
+@pytest.mark.parametrize(
+    ("shape", "stiffness"),
+    [
+        *(("square", stiffness) for stiffness in (0.0, 5.0, 10.0, 40.0)),
+        *((shape, stiffness) for shape in ("rectangle", "triangle") for stiffness in (0.0, 10.0)),
+    ],
+)
+def test_a_corner_on_the_flat_top_is_springs_in_series(shape: str, stiffness: float) -> None:
+    """Tilted by 10 and 10 degrees, one corner of the tip touches: the wrist's springs and the peg's surface."""
+    definition = soft(SLIPPERY[shape], stiffness)
+    # A triangle's corner is at -X: it is tilted about Y alone, which lowers it.
+    tilted = Pose.from_tilt(0.0, 50.0, 0.0, 0.0 if shape == "triangle" else 10.0, 10.0)
+    corners = {"square": (-12.4, 12.4, 0.0), "rectangle": (-12.4, 7.0, 0.0), "triangle": (-2 * INRADIUS, 0.0, 0.0)}
+    corner = corners[shape]
     above = tilted._replace(z_mm=-rotate(tilted.orientation, corner)[2] - 0.05)
     world = World(definition)
     assert world.home(above) == NO_LOAD
@@ -303,15 +328,32 @@ def test_a_square_peg_on_its_chamfer_is_pushed_across_as_much_as_along() -> None
     assert abs(torque[0]) < 0.01
 
 
-@pytest.mark.parametrize("stiffness", [0.0, 10.0])
-def test_a_square_peg_turned_in_its_hole_feels_a_torque_about_its_axis(stiffness: float) -> None:
-    """All four corners touch once half the peg's width times (cos + sin) of the angle is half the hole's: 0.934 deg."""
-    world = World(soft(SLIPPERY_SQUARE, stiffness))
+def test_a_triangular_peg_between_two_faces_of_its_chamfer_is_pushed_half_as_much_across_as_along() -> None:
+    """Shifted to its corner at -X, it rests on both faces there, whose normals are 60 degrees off the shift."""
+    reading = press(World(SLIPPERY["triangle"]), Pose(-1.6, 0.0, 1.9), 5)
+    assert reading.force_n[0] > 0.3
+    assert reading.force_n[0] / reading.force_n[2] == pytest.approx(-0.5, abs=0.05)
+    assert abs(reading.force_n[1]) < 0.03
+    straight = press(World(SLIPPERY["triangle"]), Pose(1.0, 0.0, 1.9), 5)
+    assert straight.force_n[0] / straight.force_n[2] == pytest.approx(1.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ("shape", "stiffness"), [("square", 0.0), ("square", 10.0), ("rectangle", 0.0), ("triangle", 0.0)]
+)
+def test_a_peg_turned_in_its_hole_feels_a_torque_about_its_axis(shape: str, stiffness: float) -> None:
+    """All corners touch from an angle on that the equation below gives."""
+    world = World(soft(SLIPPERY[shape], stiffness))
+    free = math.radians({"square": 0.932, "rectangle": 0.928, "triangle": 0.929}[shape])
+    # Half the width times the sine, and half the other side times the cosine, reach the other side's wall.
+    across = {"square": 12.4, "rectangle": 7.0, "triangle": INRADIUS}[shape]
+    along = {"square": 12.4, "rectangle": 12.4, "triangle": SIDE / 2}[shape]
+    assert across * math.cos(free) + along * math.sin(free) == pytest.approx(across + 0.2, abs=1e-3)
     world.home(Pose.from_tilt(0.0, 0.0, 6.0, 0.0, 0.0, 0.8))
     assert world.move(Increment(rz_deg=0.1)) == NO_LOAD
     for _ in range(4):
         reading = world.move(Increment(rz_deg=0.1))
-    excess = math.radians(1.3 - 0.934)
+    excess = math.radians(1.3) - free
     # Each side line touches in two points, 12.2 mm from the axis: eight springs in parallel, in series with the wrist.
     surface = 8.0 * stiffness * 12.2**2 * 1e-3
     turning = 60.0 * surface / (60.0 + surface) if stiffness else 60.0
@@ -321,7 +363,37 @@ def test_a_square_peg_turned_in_its_hole_feels_a_torque_about_its_axis(stiffness
     assert world.contact_state() != "free"
 
 
-@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, CHAMFERLESS], ids=lambda d: d.name)
+@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, RECTANGLE, TRIANGLE], ids=lambda d: d.name)
+def test_what_is_read_is_what_the_contacts_transmit(definition: Definition) -> None:
+    """Balance of momentum: the impulses at all points that touch, and their moments, are the spring's load.
+
+    Without friction, whose part PhysX does not tell.
+    """
+    world = World(soft(definition, 0.0))
+    source, checked = random.Random(11), 0
+    reading = world.home(START)
+    for _ in range(150):
+        force = size(reading.force_n)
+        reading = world.move(DOWN if force < 0.3 else UP if force > 5.0 else source.choice(ACTIONS))
+        again = world.move(Increment())
+        if size(again.force_n) < 0.3 or math.dist(reading.force_n, again.force_n) > 0.005:
+            continue  # free, or not yet at rest
+        sensor = world.flange.point(-130.0)
+        total, moment = [0.0] * 3, [0.0] * 3
+        for at, pushed in world.touching():
+            arm = [1e-3 * (a - b) for a, b in zip(at, sensor, strict=True)]
+            total = [a + b for a, b in zip(total, pushed, strict=True)]
+            turning = (arm[1] * pushed[2] - arm[2] * pushed[1], arm[2] * pushed[0] - arm[0] * pushed[2])
+            moment = [a + b for a, b in zip(moment, (*turning, arm[0] * pushed[1] - arm[1] * pushed[0]), strict=True)]
+        assert math.dist(total, rotate(world.flange.orientation, again.force_n)) < 0.02 + 0.02 * size(again.force_n)
+        assert math.dist(moment, rotate(world.flange.orientation, again.torque_nm)) < 0.004 + 0.02 * size(
+            again.torque_nm
+        )
+        checked += 1
+    assert checked > 25
+
+
+@pytest.mark.parametrize("definition", [DEFAULT, SQUARE, RECTANGLE, TRIANGLE, CHAMFERLESS], ids=lambda d: d.name)
 def test_a_rigid_peg_does_not_sink_into_the_material(definition: Definition) -> None:
     world, geometry = World(definition), geometry_of(definition.parts)
     source = random.Random(3)
@@ -335,7 +407,7 @@ def test_a_rigid_peg_does_not_sink_into_the_material(definition: Definition) -> 
             for x, y, z in corners:
                 x, y, z = x + world.peg.x_mm, y + world.peg.y_mm, z + world.peg.z_mm
                 inside = geometry.wall(max(z, 0.0)) / math.cos(math.pi / geometry.sides if geometry.is_round else 0.0)
-                reach = math.hypot(x, y) if geometry.is_round else max(abs(x), abs(y))
+                reach = geometry.section.aside(x, y)
                 assert z < 0.02 or reach < inside + 0.03
     assert pressed > 50
 

@@ -20,6 +20,11 @@ from services.wire.errors import CellError
 
 SQUARE = Parts(shape="square", clearance_mm=0.2, peg_height_mm=13.3)
 CHAMFERLESS = Parts(chamfer_mm=0.0)
+RECTANGLE = Parts(shape="rectangle", peg_breadth_mm=14.0)
+UPRIGHT = Parts(shape="rectangle", peg_width_mm=12.0, peg_breadth_mm=24.8)
+TRIANGLE = Parts(shape="triangle")
+PARTS = [Parts(), SQUARE, CHAMFERLESS, RECTANGLE, UPRIGHT, TRIANGLE]
+AREAS_MM2 = [math.pi * 12.4**2, 24.8**2, math.pi * 12.4**2, 24.8 * 14.0, 12.0 * 24.8, 24.8**2 * math.sqrt(3) / 4]
 
 
 def volume(mesh: Mesh) -> float:
@@ -28,28 +33,30 @@ def volume(mesh: Mesh) -> float:
     return abs(float(np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6))
 
 
-@pytest.mark.parametrize("parts", [Parts(), SQUARE, CHAMFERLESS])
-def test_the_peg_is_a_closed_prism_behind_its_tip(parts: Parts) -> None:
+@pytest.mark.parametrize(("parts", "area"), list(zip(PARTS, AREAS_MM2, strict=True)))
+def test_the_peg_is_a_closed_prism_behind_its_tip(parts: Parts, area: float) -> None:
     mesh = peg_mesh(parts)
-    area = parts.peg_width_mm**2 * (math.pi / 4 if parts.shape == "round" else 1.0)
     assert volume(mesh) == pytest.approx(area * peg_length(parts), rel=0.01)
     assert mesh.corners[:, 2].max() == 0.0
     assert mesh.corners[:, 2].min() == pytest.approx(-peg_length(parts))
 
 
-@pytest.mark.parametrize("parts", [Parts(), SQUARE, CHAMFERLESS])
+@pytest.mark.parametrize("parts", PARTS)
 def test_the_hole_keeps_its_clearance_and_lets_the_peg_be_seen(parts: Parts) -> None:
     corners = hole_mesh(parts).corners
-    bore = parts.peg_width_mm / 2 + parts.clearance_mm
+    # The least distance of its corners from the axis: of the places on the way round, that in the middle of a side.
+    nearest = min(parts.peg_width_mm, parts.peg_breadth_mm or parts.peg_width_mm) / 2
+    if parts.shape == "triangle":
+        nearest = parts.peg_width_mm / math.sqrt(12.0)
     across = np.hypot(corners[:, 0], corners[:, 1])
-    assert across.min() == pytest.approx(bore, rel=1e-5)
+    assert across.min() == pytest.approx(nearest + parts.clearance_mm, rel=1e-5)
     at_mouth = across[corners[:, 2] == 0.0]
-    assert at_mouth.min() == pytest.approx(bore + parts.chamfer_mm, rel=1e-5)
+    assert at_mouth.min() == pytest.approx(nearest + parts.clearance_mm + parts.chamfer_mm, rel=1e-5)
     assert corners[:, 2].min() == 0.0
     assert not ((corners[:, 0] > 0.1) & (corners[:, 1] < -0.1)).any(), "the quarter towards the eye is cut away"
 
 
-@pytest.mark.parametrize("parts", [Parts(), SQUARE, CHAMFERLESS])
+@pytest.mark.parametrize("parts", PARTS)
 @pytest.mark.parametrize("make", [peg_mesh, hole_mesh])
 def test_normals_are_unit_vectors_across_their_triangle(parts: Parts, make: Callable[[Parts], Mesh]) -> None:
     mesh = make(parts)

@@ -148,7 +148,11 @@ WRONG = [
     ('name = "mine"\nstart = 5\n', 2, "start: expected `object`, got `int`"),
     ('name = "Mine"\n', 1, "name: expected 1 to 64 of a-z 0-9 -, the first of a-z 0-9, got 'Mine'"),
     ('name = "mine"\n[learner]\nkind = "plugin"\nname = "A"\n', 4, "learner.name: expected 1 to 64 of a-z 0-9 _ -"),
-    ('name = "mine"\n[parts]\nshape = "oval"\n', 3, "parts.shape: expected one of 'round', 'square', got 'oval'"),
+    (
+        'name = "mine"\n[parts]\nshape = "oval"\n',
+        3,
+        "parts.shape: expected one of 'round', 'square', 'rectangle', 'triangle', got 'oval'",
+    ),
     ('name = "mine"\n[moves]\nactions = 7\n', 3, "moves.actions: expected one of 5, 9, 11, got 7"),
     (
         'name = "mine"\n[policy]\nkind = "lucky"\n',
@@ -195,6 +199,21 @@ WRONG = [
         'name = "mine"\n[start]\ntilt_spread_deg = 5.0\n[parts]\nchamfer_mm = 0.0\n',
         2,
         "start.height_mm: expected more than 1.870, or the tilted tip starts inside the material, got 1.0",
+    ),
+    (
+        'name = "mine"\n[parts]\nshape = "rectangle"\n',
+        2,
+        "parts.peg_breadth_mm: expected at least 2.0 with shape 'rectangle' and 0 with any other, got 0.0 and 'rec",
+    ),
+    (
+        'name = "mine"\n[parts]\npeg_breadth_mm = 5.0\n',
+        3,
+        "parts.peg_breadth_mm: expected at least 2.0 with shape 'rectangle' and 0 with any other, got 5.0 and 'round'",
+    ),
+    (
+        'name = "mine"\n[start]\nheight_mm = 0.3\nx_mm = 3.0\n[parts]\nshape = "triangle"\n',
+        3,
+        "start.height_mm: expected more than 0.439, or the tilted tip starts inside the material, got 0.3",
     ),
     (
         'name = "mine"\n[wrist]\nsensor_rx_deg = 3.0\nsensor_mount = "unknown"\n',
