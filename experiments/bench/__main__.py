@@ -25,10 +25,11 @@ SUMMARIES = {
     "start": "from `treenail up sim` to its first finished episode",
     "viewer": "memory and processor that the viewer takes beside a cell at full speed, and whether they grow",
     "soak": "a cell at full speed for long: whether memory or store grow, and what an 8 kHz F/T stream beside it loses",
+    "cluster": "runs of a leaderboard on a Dask cluster of this machine, with one worker and with two",
     "fleet": "several cells round one router and one store: what each costs, and that none disturbs another",
     "scale": "what many cells over regional routers would send, by calculation from what one cell was measured to",
 }
-WITH_ROUNDS = ("loop", "query", "sim", "art2", "classifiers", "learner", "link", "start")
+WITH_ROUNDS = ("loop", "query", "sim", "art2", "classifiers", "learner", "link", "start", "cluster")
 """Those that measure everything several times over."""
 MOST_MINUTES = 10_000
 MOST_CELLS = 64
@@ -82,6 +83,11 @@ def _measure(arguments: argparse.Namespace) -> dict[str, Value]:
             from experiments.bench.link import link
 
             return link(arguments.messages, arguments.moves, arguments.rounds)
+        case "cluster":
+            from experiments.bench import cluster
+
+            definition = load(arguments.experiment, arguments.set)
+            return cluster.measure(definition, arguments.seed, arguments.runs, arguments.episodes, arguments.rounds)
         case "scale":
             from experiments.bench.message_rates import network, report
 
@@ -150,6 +156,10 @@ def _parser() -> argparse.ArgumentParser:
     several = commands.choices["classifiers"]
     several.add_argument("--vectors", type=whole(10), default=2000, help="recorded vectors in a round")
     several.add_argument("--episodes", type=whole(1), default=100, help="episodes learnt in a round")
+    cluster = commands.choices["cluster"]
+    cluster.add_argument("--runs", type=whole(1), default=8, help="in a round")
+    cluster.add_argument("--episodes", type=whole(1), default=40, help="of each run")
+    cluster.set_defaults(experiment="suite-round")
     link = commands.choices["link"]
     link.add_argument("--messages", type=whole(1), default=5000, help="each way in a round")
     link.add_argument("--moves", type=whole(1), default=1000, help="moves by dialogue in a round")

@@ -34,16 +34,18 @@ def spread(
     keys: Sequence[K],
     say: Callable[[str], None],
     advanced: Callable[[int], None] = lambda _index: None,
+    workers: list[str] | None = None,
 ) -> Iterator[tuple[int, T | Lost]]:
     """Yield (index into ``keys``, ``work(key, tell)``) as the pieces are finished by the cluster at ``address``.
 
     ``work`` is a function at the top of a module that the workers have installed. ``say`` hears how many workers there
-    are. Raises TreenailError when there is no scheduler, or when it goes; upon Ctrl-C what is under way is given up.
+    are; ``workers`` names those that may do it, all by default. Raises TreenailError when there is no scheduler, or
+    when it goes; upon Ctrl-C what is under way is given up.
     """
     if not keys:
         return
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what goes wrong we say ourselves, in one line
-    with _client(address) as client, client.get_executor(pure=False) as executor:
+    with _client(address) as client, client.get_executor(pure=False, workers=workers) as executor:
         say(_workers(client, address))
         pending: dict[Future[Any], int] = {executor.submit(_do, work, key): index for index, key in enumerate(keys)}
         try:

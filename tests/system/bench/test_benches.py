@@ -73,3 +73,11 @@ def test_a_short_soak_loses_nothing(small: Path, capsys: pytest.CaptureFixture[s
     assert [stream[name] for name in lost] == [0, 0, 0, 0]
     assert 0 < stream["latency_median_ms"] <= stream["latency_p99_ms"] <= stream["latency_max_ms"]
     assert found["store"]["peaks_mb"][0] > 0
+
+
+@pytest.mark.timeout(600)
+def test_runs_come_out_alike_with_one_worker_and_with_two(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["cluster", "--runs", "2", "--episodes", "4", "--rounds", "1", "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)["results"]
+    assert told["equal"] is True
+    assert told["one_worker_runs_per_min"]["median"] > 0
