@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from experiments.lab.progress import Reporter
-from experiments.leaderboard import curves
+from experiments.leaderboard import at_a_glance, curves
 from experiments.leaderboard.board import Board, as_json, board, write
 from experiments.leaderboard.folder import Folder
 from experiments.leaderboard.jobs import Outcome
@@ -50,6 +50,8 @@ def tell(title: Title, entries: Sequence[Entry], length: Length, folder: Folder,
     """Write page, pictures and numbers of what has been run, and return the page's path. Raises TreenailError."""
     made, told = board(entries, results), facts(length)
     drawn = curves.pictures(title.file, _curves(made, learns=True), _curves(made, learns=False))
+    if title is LEADERBOARD and (glance := at_a_glance.picture(made)) is not None:
+        drawn = {f"{title.file}.png": glance, **drawn}
     text = page(title.text, title.how, told, made, list(drawn))
     numbers = as_json(told, made.rows)
     write(folder.path, {**drawn, f"{title.file}.md": text.encode(), f"{title.file}.json": numbers})

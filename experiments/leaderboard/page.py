@@ -56,7 +56,7 @@ def page(title: str, how: str, facts: Mapping[str, str], board: Board, pictures:
     if verdicts:
         met = sum(not row["verdict"].startswith("missed") for row in verdicts)
         parts += [f"## What was aimed at\n\n`{TREENAIL}` meets {met} of {len(verdicts)} targets.", _targets(verdicts)]
-    parts += [f"![{name.removesuffix('.png')} by episode]({name})" for name in pictures]
+    parts += [f"![{name.removesuffix('.png').replace('-', ', ')}]({name})" for name in pictures]
     parts += ["## The tasks", *(_task(task, board) for task in board.tasks)]
     parts += ["## The methods", "\n".join(f"- `{method.name}`: {method.about}" for method in board.methods)]
     return "\n\n".join(parts) + "\n"

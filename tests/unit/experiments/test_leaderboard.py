@@ -170,7 +170,9 @@ def test_what_is_done_is_not_done_again_and_what_is_the_same_is_done_once(tmp_pa
     assert {**rows["again"], "cpu_s": 0} == {**rows[TREENAIL], "cpu_s": 0}
     text = page.read_text()
     assert "| `treenail` | " in text and "missed" in text
-    assert (tmp_path / "leaderboard-force.png").read_bytes().startswith(b"\x89PNG")
+    for picture in ("leaderboard", "leaderboard-force", "leaderboard-failures"):
+        assert f"]({picture}.png)" in text
+        assert (tmp_path / f"{picture}.png").read_bytes().startswith(b"\x89PNG")
     assert len(list((tmp_path / "skills").iterdir())) == 2
     for path in (tmp_path / "skills").iterdir():
         assert skill_file.read(path).skill.episodes == SHORT.episodes
