@@ -15,8 +15,9 @@ from services.agent.learning import Learner
 from services.cell.traffic import percentile
 from services.classifier.art2 import Art2
 from services.classifier.encoding import Encoding, input_count
+from services.rules.swaps import kind_of
 from services.sim.cell import SimulatedCell
-from services.wire.definition import Art2Settings, Definition, Noise, Plugin
+from services.wire.definition import Art2Settings, Definition, Noise, TdSettings
 from services.wire.errors import TreenailError
 from services.wire.messages import FtPacket, Home, Move
 
@@ -75,8 +76,8 @@ def art2(steps: int, rounds: int) -> dict[str, Value]:
 
 def learner(definition: Definition, seed: int, steps: int, rounds: int) -> dict[str, Value]:
     """Measure updates of a table, and decisions with the update before them, in episodes of 100 decisions."""
-    if isinstance(definition.learner, Plugin):
-        raise TreenailError(f"bench learner: expected q_learning or sarsa, got {definition.learner.name!r}")
+    if not isinstance(definition.learner, TdSettings):
+        raise TreenailError(f"bench learner: expected q_learning or sarsa, got {kind_of(definition.learner)!r}")
     subject = Learner(definition.moves.actions, definition.learner, definition.policy, seed)
     updates, decides_us = [], []
     for number in range(rounds):

@@ -7,8 +7,10 @@ from msgspec.structs import replace
 from experiments.evaluate.controllers import Choice
 from services.agent.fold import learner_of
 from services.classifier.fold import classifier_of
+from services.rules.plugins import FeelingLearner
 from services.rules.skill import NamedSkill, fits
 from services.rules.swaps import in_force
+from services.rules.wrench import Reference
 from services.wire.definition import Definition, Greedy
 from services.wire.errors import UnusableError
 from services.wire.messages import Observation
@@ -28,6 +30,7 @@ class FrozenSkill:
         self._learner = learner_of(replace(learnt, policy=Greedy()), seed)
         self._classifier.restore(skill.skill.classifier)
         self._learner.restore(skill.skill.agent)
+        self._reference = Reference(definition)
         self._strange = self._classifier.states
 
     def begin(self) -> None:
@@ -36,8 +39,11 @@ class FrozenSkill:
     def decide(self, felt: Observation) -> Choice:
         """Return the best move in the contact state that is felt."""
         try:
-            state = self._classifier.classify(felt.force_n, felt.torque_nm).state
+            wrench = self._reference.felt(felt.force_n, felt.torque_nm)
+            state = self._classifier.classify(*wrench).state
         except ValueError as error:
             raise UnusableError(f"observation: decision {felt.decision}: {error}") from error
         state = self._strange if state < 0 else state
+        if isinstance(self._learner, FeelingLearner):
+            return Choice(self._learner.decide_felt(None, state, wrench, felt.episode, felt.step), state)
         return Choice(self._learner.decide(None, state, felt.episode, felt.step), state)

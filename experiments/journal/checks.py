@@ -9,14 +9,16 @@ from __future__ import annotations
 import functools
 import math
 import operator
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 
 from experiments.journal.magnitudes import Trouble, magnitude_troubles
-from services.task.rewards import reward_of_move
-from services.wire.actions import INSERT
+from services.task.rewards import Potential, end_reward, reward_of_move
+from services.wire.actions import advances, guidance, increments
 from services.wire.definition import Definition, InsertionReward
 from services.wire.messages import EpisodeSummary, JournalStep
 
+_SAME_MM = 1e-9
 _DECIMALS = range(2, 10)
 """A robot may make moves that are rounded to so many decimals."""
 
@@ -68,11 +70,22 @@ def _rewards(
     """Return what a step may have earned."""
     reward, step = definition.reward, steps[index]
     last = index == len(steps) - 1
-    penalties = {"collision": reward.collision, "no_progress": reward.no_progress}
-    if last and summary.outcome in penalties:
-        return frozenset({penalties[summary.outcome]})
+    potential, after = Potential(definition), 0.0 if last else None
+    if after is None:
+        after = potential.of(steps[index + 1].force_n, steps[index + 1].torque_nm)
+    price = potential.price(potential.of(step.force_n, step.torque_nm), after)
+    earned = _moves_rewards(definition, steps, index, summary)
+    return frozenset((end_reward(reward, summary.outcome, value) if last else value) + price for value in earned)
+
+
+def _moves_rewards(
+    definition: Definition, steps: Sequence[JournalStep], index: int, summary: EpisodeSummary
+) -> frozenset[float]:
+    """Return what a step's move may have earned, had it not ended the episode."""
+    reward, step = definition.reward, steps[index]
+    last, inserts = index == len(steps) - 1, advances(definition.moves)[step.action or 0]
     if isinstance(reward, InsertionReward):
-        return frozenset({reward.insertion_step if step.action == INSERT else reward.step})
+        return frozenset({reward.insertion_step if inserts else reward.step})
     before_n, contact_n = math.hypot(*step.force_n), definition.limits.contact_force_n
     if not last and steps[index + 1].step == step.step + 1:
         after_n = [math.hypot(*steps[index + 1].force_n)]
@@ -80,15 +93,14 @@ def _rewards(
         after_n = [0.0, math.nextafter(contact_n, 0.0)]  # guidance went on: the force had fallen below contact
     else:
         return frozenset({reward.fell, reward.rose, reward.otherwise})
-    return frozenset(reward_of_move(reward, step.action or 0, before_n, force_n) for force_n in after_n)
+    return frozenset(reward_of_move(reward, inserts, before_n, force_n) for force_n in after_n)
 
 
 def _return(definition: Definition, steps: Sequence[JournalStep], summary: EpisodeSummary) -> float:
     """Return the sum of the rewards, added in their order as the task does."""
     total = 0.0
     if not steps:  # nobody decided: what ended it counts nevertheless
-        reward = definition.reward
-        total += {"collision": reward.collision, "no_progress": reward.no_progress}.get(summary.outcome, 0.0)
+        total += end_reward(definition.reward, summary.outcome, 0.0)
     for step in steps:
         total += step.reward or 0.0
     return total
@@ -106,7 +118,7 @@ def _outcome(definition: Definition, steps: Sequence[JournalStep], summary: Epis
     limits, outcome, moves = definition.limits, summary.outcome, summary.moves
     if moves == 0 and outcome != "collision":
         yield Trouble("outcome", "collision, as there was no move", outcome)
-    rows = _without_progress(steps)
+    rows = _without_progress(definition, steps)
     aside = rows[-1] if steps and steps[-1].step + 1 == moves else 0
     too_many = 0 < limits.no_progress_moves < aside
     if too_many != (outcome == "no_progress") and not (too_many and outcome in ("collision", "inserted")):
@@ -121,22 +133,39 @@ def _outcome(definition: Definition, steps: Sequence[JournalStep], summary: Epis
     yield from _depth(definition, steps, summary)
 
 
-def _without_progress(steps: Sequence[JournalStep]) -> list[int]:
-    """Return how many decisions up to each followed each other without one in +Z and without guidance."""
+def _told_mm(definition: Definition, steps: Sequence[JournalStep], moves: int) -> list[tuple[float, bool]]:
+    """Return how far each motion was told to lead along Z [mm], and whether the task told it and no decision."""
+    forward_mm, moved_mm = guidance(definition.moves).dz_mm, [motion.dz_mm for motion in increments(definition.moves)]
+    told: list[tuple[float, bool]] = []
+    for step in steps:
+        told += [(forward_mm, True)] * (step.step - len(told))
+        told.append((moved_mm[step.action or 0], False))
+    return told + [(forward_mm, True)] * (moves - len(told))
+
+
+def _without_progress(definition: Definition, steps: Sequence[JournalStep]) -> list[int]:
+    """Return how many decisions up to each followed each other without leading deeper than the episode was before.
+
+    Guidance between two decisions is progress too where it leads deeper.
+    """
     rows: list[int] = []
-    for index, step in enumerate(steps):
-        follows = index > 0 and step.step == steps[index - 1].step + 1
-        rows.append(0 if step.action == INSERT else 1 + (rows[-1] if follows else 0))
+    depth_mm = deepest_mm = -definition.start.height_mm
+    idle = 0
+    for dz_mm, guided in _told_mm(definition, steps, 0):
+        depth_mm += dz_mm
+        deeper = depth_mm > deepest_mm + _SAME_MM
+        deepest_mm = max(deepest_mm, depth_mm)
+        idle = 0 if deeper else idle + (not guided)
+        if not guided:
+            rows.append(idle)
     return rows
 
 
 def _depth(definition: Definition, steps: Sequence[JournalStep], summary: EpisodeSummary) -> Iterator[Trouble]:
     """Hold the outcome against how far the arm was told to go in +Z: each move is guidance or a decision's."""
-    told = max(0, summary.moves - len(steps)) + sum(step.action == INSERT for step in steps)
-    by_guidance = not steps or summary.moves > steps[-1].step + 1
-    told_before = told - (1 if by_guidance or steps[-1].action == INSERT else 0)
+    told_mm = [dz_mm for dz_mm, _ in _told_mm(definition, steps, summary.moves)]
     wanted_mm = definition.limits.success_fraction * definition.parts.peg_height_mm
-    depths_mm, before_mm = _depths_mm(definition, told), _depths_mm(definition, told_before)
+    depths_mm, before_mm = _depths_mm(definition, told_mm), _depths_mm(definition, told_mm[:-1])
     place = f"at {depths_mm[0]:g} mm, success at {wanted_mm:g} mm"
     if summary.outcome == "inserted" and depths_mm[-1] < wanted_mm:
         yield Trouble("outcome", f"another {place}", summary.outcome)
@@ -146,8 +175,8 @@ def _depth(definition: Definition, steps: Sequence[JournalStep], summary: Episod
         yield Trouble("moves", f"an end before the last move {place}", str(summary.moves))
 
 
-def _depths_mm(definition: Definition, told: int) -> list[float]:
-    """Return how far below the mouth so many moves in +Z may bring the tip, in order, each added as the task does."""
-    asked_mm = definition.moves.insertion_mm
-    made_mm = {asked_mm, *(round(asked_mm, decimals) for decimals in _DECIMALS)}
-    return sorted(functools.reduce(operator.add, [one] * told, -definition.start.height_mm) for one in made_mm)
+def _depths_mm(definition: Definition, told_mm: Sequence[float]) -> list[float]:
+    """Return how far below the mouth these steps along Z may bring the tip, in order, each added as the task does."""
+    roundings: list[Callable[[float], float]] = [float, *(partial(round, ndigits=decimals) for decimals in _DECIMALS)]
+    start_mm = -definition.start.height_mm
+    return sorted({functools.reduce(operator.add, map(made, told_mm), start_mm) for made in roundings})

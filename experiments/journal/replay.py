@@ -18,13 +18,14 @@ from experiments.journal.checks import reward_trouble, step_troubles, summary_tr
 from experiments.journal.magnitudes import Trouble
 from services.agent.fold import AgentFold
 from services.classifier.fold import ClassifierFold
+from services.rules.entries import observation_in
 from services.rules.results import Digests, episodes_digest
 from services.rules.skill import NamedSkill
 from services.rules.swaps import fresh_after, fresh_at, in_force, known_in
 from services.wire.actions import action_names
 from services.wire.definition_file import definition_sha256, run_id
 from services.wire.errors import BadPayloadError, DivergedError, FoldError, GapError
-from services.wire.messages import EpisodeSummary, JournalEpisode, JournalStep, Observation, Reward, RunRecord, Swap
+from services.wire.messages import EpisodeSummary, JournalEpisode, JournalStep, Reward, RunRecord, Swap
 
 
 class Mismatch(NamedTuple):
@@ -231,17 +232,7 @@ class Replay:
         definition, step = self.record.definition, made.step
         decision = entry.first_decision + index
         yield from step_troubles(definition, entry.steps, index)
-        state = self.classifier.observe(
-            Observation(
-                run=entry.run,
-                episode=entry.episode,
-                step=step.step,
-                decision=decision,
-                force_n=step.force_n,
-                torque_nm=step.torque_nm,
-                swaps=entry.swaps,
-            )
-        )
+        state = self.classifier.observe(observation_in(entry, index))
         if state.state != made.state:
             yield Trouble("state", str(state.state), str(made.state))
         action = self.agent.decide(replace(state, state=made.state))

@@ -12,21 +12,28 @@ from services.agent.learning import Learner as TdLearner
 from services.rules import plugins
 from services.rules.entries import reward_in, state_in
 from services.rules.place import Place, split_place, with_place
-from services.rules.plugins import Learner
+from services.rules.plugins import FeelingLearner, Learner, Lesson
 from services.rules.timeline import Timeline
-from services.wire.definition import Definition, Plugin
+from services.rules.wrench import Reference, Wrench
+from services.wire.actions import repeatable
+from services.wire.definition import Definition, FeltModel, Plugin
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
 from services.wire.messages import Action, JournalEpisode, Reward, Skill, State, Swap
 
 _FORGOTTEN = "fold_forgotten"
+_NOTHING = Wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
 def learner_of(definition: Definition, seed: int) -> Learner:
     """Return a learner that has learnt nothing. Raises PluginError for one of another package."""
-    actions, settings, policy = definition.moves.actions, definition.learner, definition.policy
+    moves, settings, policy = definition.moves, definition.learner, definition.policy
     if isinstance(settings, Plugin):
-        return plugins.learner(settings, actions, policy, seed)
-    return TdLearner(actions, settings, policy, seed)
+        return plugins.learner(settings, moves.count, policy, seed)
+    if isinstance(settings, FeltModel):
+        from services.agent.felt import FeltLearner  # here: others need no compiler
+
+        return FeltLearner(moves, settings, policy, seed)
+    return TdLearner(moves.count, settings, policy, seed, repeatable(moves))
 
 
 class AgentFold:
@@ -45,7 +52,8 @@ class AgentFold:
         """Rewards folded so far: never more than ``decisions``, never less than one below."""
         self.episode = 0
         """Episode of the last state folded."""
-        self._previous: tuple[int, int, float] | None = None
+        self._reference = Reference(definition)
+        self._previous: Lesson | None = None
         self._answers: dict[int, tuple[State, Action]] = {}
         self._received: dict[int, Reward] = {}
 
@@ -67,7 +75,7 @@ class AgentFold:
             raise DivergedError(f"state: expected episode {self.episode} or later, got {state.episode}")
         self._swap(self.timeline.due(state))
         try:
-            chosen = self.learner.decide(self._previous, state.state, state.episode, state.step)
+            chosen = self._decide(state)
         except ValueError as error:
             raise UnusableError(f"state: decision {state.decision}: {error}") from error
         if state.episode > self.episode:
@@ -104,14 +112,13 @@ class AgentFold:
             return False
         if reward.decision >= self.decisions:
             raise GapError(f"reward: expected one below decision {self.decisions}, got {reward.decision}")
-        _, action = self._answers[reward.decision]
-        previous = (action.state, action.action, reward.reward)
+        state, action = self._answers[reward.decision]
         if reward.terminal is None:
-            self._previous = previous
+            self._previous = self._lesson(state, action, reward)
         elif self._ended_from_outside(reward):
             self._forgotten += 1
         else:
-            self.learner.finish(previous)
+            self._finish(self._lesson(state, action, reward))
         self._received[reward.decision] = reward
         self.rewards += 1
         return True
@@ -171,6 +178,32 @@ class AgentFold:
         self._previous = None
         self._answers.clear()
         self._received.clear()
+
+    def _decide(self, state: State) -> int:
+        """Return the learner's action. Raises ValueError."""
+        learner, previous = self.learner, self._previous
+        if isinstance(learner, FeelingLearner):
+            return learner.decide_felt(previous, state.state, self._felt(state), state.episode, state.step)
+        lesson = None if previous is None else previous[:3]
+        return learner.decide(lesson, state.state, state.episode, state.step)
+
+    def _finish(self, lesson: Lesson) -> None:
+        """Teach an episode's last decision. Raises ValueError."""
+        if isinstance(self.learner, FeelingLearner):
+            self.learner.finish_felt(lesson)
+        else:
+            self.learner.finish(lesson[:3])
+
+    def _lesson(self, state: State, action: Action, reward: Reward) -> Lesson:
+        """Return what a decision led to."""
+        felt = self._felt(state) if isinstance(self.learner, FeelingLearner) else _NOTHING
+        return Lesson(state.state, action.action, reward.reward, felt, reward.terminal)
+
+    def _felt(self, state: State) -> Wrench:
+        """Return what was felt in a state. Raises ValueError where nobody says it."""
+        if state.force_n is None or state.torque_nm is None:
+            raise ValueError("expected force and torque beside the state, got none")
+        return self._reference.felt(state.force_n, state.torque_nm)
 
     def _swap(self, due: Sequence[Swap]) -> None:
         """Make swaps, keeping the table unless one says that it begins afresh."""

@@ -1,4 +1,4 @@
-"""The tabular learner: one-step Q-learning and SARSA over numbered states (thesis 4.2.2).
+"""The tabular learner: Q-learning and SARSA over numbered states (thesis 4.2.2), one-step or with traces.
 
 A pure fold: the table is a function of the updates alone, and an action of (table, seed, episode, step), never of
 what was asked before or how often.
@@ -8,13 +8,15 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from services.agent.policies import choose, probabilities
-from services.wire.definition import Policy, Sarsa, TdSettings
+from services.agent.policies import choose, goes_on, probabilities
+from services.agent.traces import Traces
+from services.wire.actions import INSERT
+from services.wire.definition import Exploring, FeltModel, Policy, Sarsa, TdSettings
 from services.wire.randomness import MAX_SEED, Draws, Role
 
 MAX_STATES = 1_000_000
@@ -28,8 +30,18 @@ class Learner:
     ever updated; every other state counts as a row of zeros. Every refused call leaves the learner as it was.
     """
 
-    def __init__(self, actions: int, learner: TdSettings, policy: Policy, seed: int) -> None:
-        """Start with an empty table; ``actions`` is at least 1, ``seed`` in 0..2**63-1, ValueError otherwise."""
+    def __init__(
+        self,
+        actions: int,
+        learner: TdSettings | FeltModel,
+        policy: Policy,
+        seed: int,
+        repeatable: Sequence[bool] = (),
+    ) -> None:
+        """Start with an empty table; ``actions`` is at least 1, ``seed`` in 0..2**63-1, ValueError otherwise.
+
+        ``repeatable`` says of each action whether exploration may go on with it; by default all but +Z.
+        """
         if actions < 1:
             raise ValueError(f"number of actions: expected 1 or more, got {actions}")
         if not 0 <= seed <= MAX_SEED:
@@ -37,6 +49,9 @@ class Learner:
         self._learner = learner
         self._policy = policy
         self._draws = Draws(seed, Role.POLICY)
+        self._repeatable = tuple(repeatable) or tuple(action != INSERT for action in range(actions))
+        decay = learner.gamma * learner.trace if isinstance(learner, TdSettings) else 0.0
+        self._traces = Traces(decay) if decay > 0.0 else None
         self._blank = np.zeros(actions)
         # Both grow by doubling; only the first `_states` rows count.
         self._q = np.zeros((0, actions))
@@ -85,14 +100,17 @@ class Learner:
         """
         return probabilities(self._row(state), self._policy, self.episodes_before + episode)
 
-    def act(self, state: int, episode: int, step: int) -> int:
+    def act(self, state: int, episode: int, step: int, before: int | None = None) -> int:
         """Return the policy's action in ``state`` at ``step`` of ``episode`` (both 0 or more); changes nothing.
 
-        ValueError when a number is out of range.
+        ``before`` is the decision before it in the episode, which exploration may go on with. ValueError when a number
+        is out of range.
         """
         _check_time(episode, step)
         values: list[float] = self._row(state).tolist()
-        return choose(values, self._policy, self.episodes_before + episode, self._draws.at(episode, step).random())
+        draws = self._draws.at(episode, step)
+        action = choose(values, self._policy, self.episodes_before + episode, draws.random())
+        return self._or_again(action, before, episode, draws)
 
     def best_action(self, state: int) -> int:
         """Return an action of the highest value in ``state``, the lowest-numbered one of several."""
@@ -115,6 +133,8 @@ class Learner:
         if not math.isfinite(new):
             raise ValueError(f"value of state {state}, action {action}: expected a finite number, got {new}")
         self._grow(state + 1)
+        if self._traces is not None:
+            self._share(self._traces, state, action, target - old)
         self._q[state, action] = new
         self._visits[state, action] += 1
         self._version += 1
@@ -139,19 +159,27 @@ class Learner:
         it learns from that action. Raises ValueError as ``act`` and ``update`` do.
         """
         if previous is None:
+            if self._traces is not None:
+                self._traces.clear()
             return self.act(state, episode, step)
+        before = previous[1]
         if isinstance(self._learner, Sarsa):
-            action = self.act(state, episode, step)
+            action = self.act(state, episode, step, before)
             self.update(*previous, state, action)
             return action
         # What could refuse to act is checked before learning, so that a refusal leaves no half-done step.
         _check_time(episode, step)
         self.update(*previous, state, None)
-        return self.act(state, episode, step)
+        action = self.act(state, episode, step, before)
+        if self._traces is not None and self._row(state)[action] < self._row(state).max():
+            self._traces.clear()  # Watkins: what comes of a move that is not the best says nothing of those before
+        return action
 
     def finish(self, previous: tuple[int, int, float]) -> None:
         """Learn from the last (state, action, reward) of an episode. Raises ValueError as ``update`` does."""
         self.update(*previous, None, None)
+        if self._traces is not None:
+            self._traces.clear()
 
     def snapshot(self) -> dict[str, bytes | int]:
         """Return the table in plain types: counts, q as little-endian f64 and visits as i64, both row by row."""
@@ -189,11 +217,34 @@ class Learner:
             )
         self._q, self._visits = q.astype(np.float64), visits.astype(np.int64)
         self._states, self._version = states, version
+        if self._traces is not None:
+            self._traces.clear()
 
     def digest(self) -> str:
         """Return the SHA-256, in hex, of shape, q (f64) and visits (i64), little-endian: equal for equal tables."""
         shape = np.array([self._states, self.actions], "<i8").tobytes()
         return hashlib.sha256(shape + self.q.astype("<f8").tobytes() + self.visits.astype("<i8").tobytes()).hexdigest()
+
+    def _share(self, traces: Traces, state: int, action: int, error: float) -> None:
+        """Let earlier decisions of the episode share in what the last one's value was wrong by. Raises ValueError."""
+        changed = {}
+        for at, taken, share in traces.shares():
+            if (at, taken) != (state, action):
+                changed[at, taken] = float(self._q[at, taken]) + self._learner.alpha * error * share
+        if not all(map(math.isfinite, changed.values())):
+            raise ValueError(f"values before state {state}: expected finite numbers, got others")
+        for place, value in changed.items():
+            self._q[place] = value
+        traces.mark(state, action)
+        traces.fall()
+
+    def _or_again(self, action: int, before: int | None, episode: int, draws: np.random.Generator) -> int:
+        """Return the action, or the one before it where exploration goes on with that."""
+        policy = self._policy
+        if before is None or not isinstance(policy, Exploring) or policy.repeat == 0.0:
+            return action
+        goes = self._repeatable[before] and goes_on(policy, self.episodes_before + episode, draws.random())
+        return before if goes else action
 
     def _row(self, state: int) -> NDArray[np.float64]:
         """Return the values of ``state``, shape (actions,), not to be written to."""

@@ -13,15 +13,18 @@ import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Sequence
 from decimal import Context, Decimal
+from functools import lru_cache
 from itertools import accumulate
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import NDArray
 
-from services.wire.definition import EpsilonAnnealed, EpsilonGreedy, Greedy, Policy, Softmax
+from services.wire.definition import EpsilonAnnealed, EpsilonGreedy, Exploring, Greedy, Policy, Softmax, Thompson
 
 _CLOSE = 1e-12
 """Part of the whole within which a draw is not trusted to doubles; they err by less than a hundredth of it."""
+_QUANTILES = 200
 _NEVER = -700.0
 """Exponents below this are chances of exactly 0, as they nearly are in doubles."""
 _DIGITS = Context(prec=100)
@@ -83,6 +86,47 @@ def choose(values: Sequence[float], policy: Policy, episode: int, uniform: float
     return index if index < len(sums) else bisect_left(sums, sums[-1])
 
 
+def goes_on(policy: Policy, episode: int, uniform: float) -> bool:
+    """Return whether exploration makes the last move again, whatever its value; ``uniform`` is a draw in 0..1."""
+    return isinstance(policy, Exploring) and uniform < policy.repeat * faded(policy.repeat_fade, episode)
+
+
+@lru_cache(maxsize=64)
+def faded(rate: float, episode: int) -> float:
+    """Return exp(-rate * episode), alike on every machine: it is worked out with more digits, once an episode."""
+    return float((-Decimal(rate) * episode).exp(_DIGITS))
+
+
+def best_chances(values: NDArray[np.float64], deviations: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the chance of each of several independent normal variables to be the greatest, shape (actions,).
+
+    They have these means and standard deviations, finite, the latter 0 or more. Where all are 0, those of the greatest
+    mean share it. By ``_QUANTILES`` quantiles of each, so to about 1/200.
+    """
+    _check_row(values)
+    if not deviations.any():
+        return _epsilon_greedy(values, 0.0)
+    normal = NormalDist()
+    scores = [normal.inv_cdf((n + 0.5) / _QUANTILES) for n in range(_QUANTILES)]
+    chances = np.zeros(values.size)
+    for action, (mean, deviation) in enumerate(zip(values.tolist(), deviations.tolist(), strict=True)):
+        for drawn in (mean + deviation * score for score in scores):
+            chances[action] += math.prod(
+                _below(drawn, other, wide)
+                for number, (other, wide) in enumerate(zip(values.tolist(), deviations.tolist(), strict=True))
+                if number != action
+            )
+    total = chances.sum()
+    return chances / total if total > 0.0 else best_chances(values, np.zeros(values.size))
+
+
+def _below(value: float, mean: float, deviation: float) -> float:
+    """Return the chance that a normal variable is at most ``value``."""
+    if deviation == 0.0:
+        return float(mean <= value)
+    return 0.5 * math.erfc((mean - value) / (deviation * math.sqrt(2.0)))
+
+
 def _drawn(exponents: Sequence[float], uniform: float) -> int:
     """Return the index that ``uniform`` falls on when each weighs e to its exponent, of which the greatest is 0."""
     sums = list(accumulate(map(math.exp, exponents)))
@@ -102,10 +146,10 @@ def _check_row(values: NDArray[np.float64]) -> None:
         raise ValueError(f"action values: expected a row of one or more finite numbers, got {values!r}")
 
 
-def _epsilon(policy: Greedy | EpsilonGreedy | EpsilonAnnealed, episode: int) -> float:
+def _epsilon(policy: Greedy | EpsilonGreedy | EpsilonAnnealed | Thompson, episode: int) -> float:
     """Part of the choices that are made blindly in ``episode``, in 0..1 (thesis eq. 4.2)."""
     match policy:
-        case Greedy():
+        case Greedy() | Thompson():  # a table alone has nothing to draw values from
             return 0.0
         case EpsilonGreedy():
             return policy.epsilon

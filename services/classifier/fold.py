@@ -11,11 +11,12 @@ from services.classifier.art2 import Art2
 from services.rules import plugins
 from services.rules.entries import observation_in
 from services.rules.place import Place, split_place, with_place
-from services.rules.plugins import Classifier, ClassifierFullError
+from services.rules.plugins import Classification, Classifier, ClassifierFullError, EpisodicClassifier
 from services.rules.timeline import Timeline
+from services.rules.wrench import Reference
 from services.wire.definition import Art2Settings, ClassifierSettings, Definition
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
-from services.wire.messages import JournalEpisode, Observation, Skill, State, Swap
+from services.wire.messages import Force, JournalEpisode, Observation, Skill, State, Swap, Torque
 
 
 def classifier_of(settings: ClassifierSettings) -> Classifier:
@@ -29,6 +30,7 @@ class ClassifierFold:
     def __init__(self, definition: Definition, run: str, swaps: Sequence[Swap] = ()) -> None:
         self.network = classifier_of(definition.classifier)
         self.timeline = Timeline(definition, swaps)
+        self._reference = Reference(definition)
         self.run = run
         self.decisions = 0
         """Observations folded so far: the decision number that comes next."""
@@ -52,7 +54,8 @@ class ClassifierFold:
             raise DivergedError(f"observation: expected episode {self.episode} or later, got {observation.episode}")
         self._swap(self.timeline.due(observation))
         try:
-            classification = self.network.learn(observation.force_n, observation.torque_nm)
+            self._tell(observation)
+            classification = self.network.learn(*self._reference.felt(observation.force_n, observation.torque_nm))
         except (ValueError, ClassifierFullError) as error:
             raise UnusableError(f"observation: decision {observation.decision}: {error}") from error
         if observation.episode > self.episode:
@@ -67,10 +70,16 @@ class ClassifierFold:
             states=classification.states,
             match=classification.match,
             swaps=observation.swaps,
+            force_n=observation.force_n,
+            torque_nm=observation.torque_nm,
         )
         self._answers[observation.decision] = (observation, state)
         self.decisions += 1
         return state
+
+    def classify(self, force_n: Force, torque_nm: Torque) -> Classification:
+        """Return the class of a sample as it is read, and learn nothing. Raises ValueError as the classifier does."""
+        return self.network.classify(*self._reference.felt(force_n, torque_nm))
 
     def replay(self, journal: JournalEpisode) -> None:
         """Fold the decisions of a journal entry that are new; raises like ``observe``, also when states differ."""
@@ -114,6 +123,14 @@ class ClassifierFold:
                 except ValueError as error:
                     raise UnusableError(f"swap: classifier: {error}") from error
             self.timeline.made += 1
+
+    def _tell(self, observation: Observation) -> None:
+        """Tell a classifier that hears it where in the episode it is."""
+        if isinstance(self.network, EpisodicClassifier):
+            if observation.previous_action is None:
+                self.network.begin()
+            else:
+                self.network.took(observation.previous_action)
 
     def _again(self, observation: Observation) -> State:
         earlier = self._answers.get(observation.decision)

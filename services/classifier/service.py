@@ -66,7 +66,7 @@ def classify(worker: Worker[ClassifierFold], request: Request) -> Classified:
     fold = worker.fold
     force_n, torque_nm = ft_vector(request.parameters.get("ft", ""))
     try:
-        classification = fold.network.classify(force_n, torque_nm)
+        classification = fold.classify(force_n, torque_nm)
     except ValueError as error:
         raise BadPayloadError(f"ft: {error}") from error
     state = classification.state if classification.state >= 0 else None

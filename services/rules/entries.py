@@ -10,12 +10,15 @@ from services.wire.messages import JournalEpisode, Observation, Reward, State
 def observation_in(entry: JournalEpisode, index: int) -> Observation:
     """Return the sample of the entry's decision ``index``, counted from 0."""
     step = entry.steps[index]
-    return Observation(**_place(entry, index), force_n=step.force_n, torque_nm=step.torque_nm)
+    previous = entry.steps[index - 1].action if index else None
+    place = _place(entry, index)
+    return Observation(**place, force_n=step.force_n, torque_nm=step.torque_nm, previous_action=previous)
 
 
 def state_in(entry: JournalEpisode, index: int, state: int) -> State:
     """Return what was classified, as far as a journal has it: how well it matched is not in it."""
-    return State(**_place(entry, index), state=state, states=state + 1, match=0.0)
+    felt, place = entry.steps[index], _place(entry, index)
+    return State(**place, state=state, states=state + 1, match=0.0, force_n=felt.force_n, torque_nm=felt.torque_nm)
 
 
 def reward_in(entry: JournalEpisode, index: int, reward: float) -> Reward:

@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 
 from services.rules.workspace import Workspace
-from services.wire.actions import Increment
+from services.wire.actions import Increment, guidance, increments
 from services.wire.definition import Definition
 from services.wire.force_bound import ForceBound
 from services.wire.messages import FtPacket, Home, Move, Moved
@@ -50,16 +50,12 @@ class Guard:
             "ry_deg": (start.ry_deg - ry_deg, start.ry_deg + ry_deg),
             "rz_deg": (start.rz_deg - rz_deg, start.rz_deg + rz_deg),
         }
-        turn_z = moves.rotation_deg if moves.actions == 11 else 0.0
-        turn = moves.rotation_deg if moves.actions >= 9 else 0.0
+        motions = (*increments(moves), guidance(moves))
         self._steps = {
-            "dx_mm": (-moves.lateral_mm, moves.lateral_mm),
-            "dy_mm": (-moves.lateral_mm, moves.lateral_mm),
-            "dz_mm": (0.0, moves.insertion_mm),
-            "rx_deg": (-turn, turn),
-            "ry_deg": (-turn, turn),
-            "rz_deg": (-turn_z, turn_z),
+            name: (min(0.0, *values), max(0.0, *values))
+            for name, values in zip(Increment._fields, zip(*motions, strict=True), strict=True)
         }
+        self._listed = motions if moves.list else ()
         self._oldest_s = oldest_s
         self._most_steps = limits.move_limit
         self._collision_force_n, self._hard_force_n = limits.collision_force_n, limits.hard_force_n
@@ -85,6 +81,8 @@ class Guard:
         if move.step > self._most_steps:
             return f"guard: step: expected at most {self._most_steps} motions since home, got {move.step}; {_ONLY_HOME}"
         increment = increment_of(move)
+        if self._listed and min(math.dist(increment, listed) for listed in self._listed) > _ROUNDING:
+            return f"guard: move: expected one of moves.list or a step of guidance, got {tuple(increment)}"
         return self._workspace.complaint(increment) or self._pressing(math.hypot(*felt.force_n[-1]), increment)
 
     def moved(self, applied: Moved) -> None:

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import EntryPoint, entry_points
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from services.rules.wrench import Wrench
 from services.wire.definition import Definition, Plugin, Policy, Setting
 from services.wire.errors import TreenailError
+from services.wire.messages import Outcome
 from services.wire.text import in_words
 
 CLASSIFIERS, LEARNERS = "treenail.classifiers", "treenail.learners"
@@ -87,6 +89,20 @@ class Classifier(Protocol):
         """Return a SHA-256 in hex: equal for equal memories."""
 
 
+@runtime_checkable
+class EpisodicClassifier(Classifier, Protocol):
+    """A classifier whose states may know more than one vector: it hears where in an episode it is.
+
+    What it keeps of an episode is forgotten when the next begins, and need not be in ``snapshot``.
+    """
+
+    def begin(self) -> None:
+        """Hear that the vector that is learnt next is an episode's first."""
+
+    def took(self, action: int) -> None:
+        """Hear which action was decided on since the last vector, before the one that came of it is learnt."""
+
+
 class Learner(Protocol):
     """What learns actions. Called as ``Learner(actions, settings, policy, seed)``, ``settings`` being a mapping.
 
@@ -145,6 +161,51 @@ class Learner(Protocol):
         """Return a SHA-256 in hex: equal for equal tables."""
 
 
+class Lesson(NamedTuple):
+    """What a decision led to, for a learner that feels."""
+
+    state: int
+    action: int
+    reward: float
+    felt: Wrench
+    """What was felt when it was decided."""
+    outcome: Outcome | None = None
+    """How the episode ended with it; None when another decision followed."""
+
+
+@runtime_checkable
+class FeelingLearner(Learner, Protocol):
+    """A learner that is given what is felt beside its class; for one that has these methods the others are not called.
+
+    ``decide`` and ``finish`` are then ``decide_felt`` and ``finish_felt``; ``values``, ``chances`` and ``best_action``
+    answer for a state alone, the three here for a state and what is felt in it.
+    """
+
+    def decide_felt(self, previous: Lesson | None, state: int, felt: Wrench, episode: int, step: int) -> int:
+        """Learn from ``previous``, which led to here, and return the action to take. ValueError as ``decide``."""
+
+    def finish_felt(self, previous: Lesson) -> None:
+        """Learn from the last decision of an episode, unless ``limits.truncation`` leaves it out."""
+
+    def opinion(self, state: int, felt: Wrench, episode: int) -> Opinion:
+        """Return what is thought of each action; changes nothing. ValueError for numbers out of range."""
+
+
+class Opinion(NamedTuple):
+    """What a learner that feels thinks of each action in one state at one wrench; rows of shape (actions,)."""
+
+    values: NDArray[np.float64]
+    """Their sum: of the model's part and the table's."""
+    model: NDArray[np.float64]
+    """What the move is thought to earn at once."""
+    table: NDArray[np.float64]
+    """What is thought to come after it."""
+    deviation: NDArray[np.float64]
+    """Standard deviation of the model's part."""
+    chances: NDArray[np.float64]
+    """Probability that the policy takes it."""
+
+
 def installed(group: str) -> dict[str, EntryPoint]:
     """Return what installed packages register in a group, by name; PluginError when two claim the same name."""
     points: dict[str, EntryPoint] = {}
@@ -171,7 +232,7 @@ def check(definition: Definition) -> None:
     if isinstance(definition.classifier, Plugin):
         classifier(definition.classifier)
     if isinstance(definition.learner, Plugin):
-        learner(definition.learner, definition.moves.actions, definition.policy, 0)
+        learner(definition.learner, definition.moves.count, definition.policy, 0)
 
 
 def settings_as(wanted: type[T], given: Mapping[str, Setting]) -> T:

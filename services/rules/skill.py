@@ -16,12 +16,12 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
-from services.rules.skill_memory import check_agent, check_classifier, number
-from services.rules.swaps import in_force
+from services.rules.skill_memory import check_agent, check_classifier, check_felt, number
+from services.rules.swaps import in_force, kind_of
 from services.wire import codec
 from services.wire.actions import action_names, increments
 from services.wire.codec import contract_sha256
-from services.wire.definition import Art2Settings, Definition, Plugin
+from services.wire.definition import Art2Settings, Definition, FeltModel, Plugin
 from services.wire.definition_file import definition_sha256, run_id
 from services.wire.definition_rules import contradiction
 from services.wire.errors import BadPayloadError, ContractError, TreenailError
@@ -34,6 +34,8 @@ _HEADER = re.compile(
 )
 _VERSION = 1
 _HEADER_BYTES = 256
+_MODEL = ("torque_per_m", "unit_n")
+"""Settings of the felt learner without which its model would mean something else."""
 _MEANING = ("encoding", "torque_gain_per_m", "a", "b", "c", "d", "e", "theta")
 """Settings of the classifier without which prototypes would mean something else."""
 
@@ -85,6 +87,7 @@ def fits(skill: Skill, definition: Definition) -> None:
             expected, got = sum(size), sum(learnt_size)
             raise SkillError(f"skill: expected action {name} to be {expected:g} mm or degrees, got {got:g}")
     _fits_plugins(definition, learnt)
+    _fits_model(definition, learnt)
     if isinstance(definition.classifier, Art2Settings):
         for name in _MEANING:
             expected_value, got_value = getattr(definition.classifier, name), getattr(learnt.classifier, name)
@@ -185,8 +188,12 @@ def _sound(payload: bytes, skill: Skill) -> NamedSkill:
     if conflict := contradiction(learnt):
         raise BadPayloadError(f"skill: swaps: {conflict[0]}: {conflict[1]}")
     # What a plug-in's memory has to look like, only the plug-in knows.
-    built_in = not isinstance(learnt.learner, Plugin)
-    states = check_agent(skill.agent, len(skill.actions)) if built_in else number(skill.agent, "states")
+    if isinstance(learnt.learner, Plugin):
+        states = number(skill.agent, "states")
+    elif isinstance(learnt.learner, FeltModel):
+        states = check_felt(skill.agent, definition.moves)
+    else:
+        states = check_agent(skill.agent, len(skill.actions))
     if isinstance(learnt.classifier, Plugin):
         classes = number(skill.classifier, "states")
     else:
@@ -206,6 +213,20 @@ def _fits_plugins(definition: Definition, learnt: Definition) -> None:
         expected, got = getattr(definition, what), getattr(learnt, what)
         if (isinstance(expected, Plugin) or isinstance(got, Plugin)) and expected != got:
             raise SkillError(f"skill: expected {what} {expected}, got {got}")
+
+
+def _fits_model(definition: Definition, learnt: Definition) -> None:
+    """Raise SkillError where a felt model would be read by a table, or the other way round, or feel something else."""
+    ours, theirs = definition.learner, learnt.learner
+    expected, got = isinstance(ours, FeltModel), isinstance(theirs, FeltModel)
+    if expected != got:
+        raise SkillError(f"skill: expected learner.kind = {kind_of(ours)!r}, got {kind_of(theirs)!r}")
+    if definition.felt != learnt.felt:
+        raise SkillError(f"skill: expected torques referred as {definition.felt}, got {learnt.felt}")
+    for name in _MODEL if isinstance(ours, FeltModel) else ():
+        expected_value, got_value = getattr(ours, name), getattr(theirs, name)
+        if expected_value != got_value:
+            raise SkillError(f"skill: expected learner.{name} = {expected_value}, got {got_value}")
 
 
 def _check_contract(theirs: str) -> None:

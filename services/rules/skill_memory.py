@@ -6,7 +6,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from services.wire.definition import Art2Settings
+from services.wire.actions import lines as lines_of
+from services.wire.definition import Art2Settings, Moves
 from services.wire.errors import BadPayloadError
 from services.wire.text import one_line
 
@@ -14,9 +15,29 @@ _ITEM_BYTES = 8
 _LARGEST_VALUE = 1e12
 _LARGEST_VERSION = 2**53
 _AGENT = ("actions", "q", "states", "version", "visits")
+_MODEL = ("covariances", "features", "lines", "theta")
+_MOST_FEATURES = 1000
 _CLASSIFIER = ("counts", "inputs", "states", "weights")
 
 Memory = Mapping[str, bytes | int]
+
+
+def check_felt(memory: Memory, moves: Moves) -> int:
+    """Return the number of states in the memory of a felt learner. Raises BadPayloadError."""
+    _check_names(memory, (*_AGENT, *_MODEL), "agent")
+    lines, features = 1 + max(lines_of(moves)[0]), number(memory, "features")
+    if number(memory, "lines") != lines or not 0 < features <= _MOST_FEATURES:
+        raise BadPayloadError(f"skill: agent: expected a model of {lines} lines, got another")
+    halves = features * (features + 1) // 2
+    for name, items in (("theta", lines * features), ("covariances", lines * halves)):
+        values = np.frombuffer(_block(memory, name, items), "<f8")
+        if not (np.abs(values) <= _LARGEST_VALUE).all():
+            raise BadPayloadError(f"skill: agent: expected {name} within {_LARGEST_VALUE:g}, got others")
+    # The diagonal of an upper half, row by row: each row is one shorter than that before.
+    diagonal = np.cumsum([0, *range(features, 1, -1)])
+    if (values.reshape(lines, halves)[:, diagonal] < 0.0).any():
+        raise BadPayloadError("skill: agent: expected variances of 0 or more, got less")
+    return check_agent({name: memory[name] for name in _AGENT}, moves.count)
 
 
 def check_agent(memory: Memory, actions: int) -> int:
@@ -64,7 +85,7 @@ def number(memory: Memory, name: str) -> int:
 
 
 def _check_names(memory: Memory, expected: tuple[str, ...], whose: str) -> None:
-    if tuple(sorted(memory)) != expected:
+    if sorted(memory) != sorted(expected):
         got = one_line(", ".join(sorted(memory)), 100)
         raise BadPayloadError(f"skill: {whose}: expected {', '.join(expected)}, got {got}")
 

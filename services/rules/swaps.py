@@ -14,8 +14,17 @@ import msgspec
 from msgspec.structs import replace
 
 from services.rules import plugins
-from services.wire.definition import TD_LEARNERS, ClassifierSettings, Definition, LearnerSettings, Plugin, Policy
-from services.wire.definition_file import with_overrides
+from services.wire.definition import (
+    TD_LEARNERS,
+    ClassifierSettings,
+    Definition,
+    FeltModel,
+    LearnerSettings,
+    Plugin,
+    Policy,
+    TdSettings,
+)
+from services.wire.definition_file import with_overrides, without_later
 from services.wire.definition_rules import contradiction
 from services.wire.errors import SwapError
 from services.wire.message_base import MOST_SWAPS
@@ -23,7 +32,7 @@ from services.wire.messages import Swap, SwapRequest
 
 LARGEST_BYTES = 8192
 """Of one swap: all of a run fit into one message."""
-BUILT_IN = {"classifier": ("art2",), "learner": tuple(TD_LEARNERS)}
+BUILT_IN = {"classifier": ("art2",), "learner": (*TD_LEARNERS, "felt")}
 """Kinds that need no plug-in, by table of the definition."""
 SPEC = "EPISODE:SERVICE:KEY=VALUE,..."
 SPEC_HELP = "swap from an episode on, as in 100:agent:learner=sarsa or 100:classifier:rho=0.95; may be repeated"
@@ -63,9 +72,18 @@ def fresh_after(before: Definition, after: Definition) -> tuple[WorkerName, ...]
     """Return who begins with nothing learnt when one definition takes the place of another."""
     if before.classifier != after.classifier:
         return ("classifier", "agent")
-    if before.learner != after.learner and (isinstance(before.learner, Plugin) or isinstance(after.learner, Plugin)):
+    if before.learner != after.learner and not _same_memory(before.learner, after.learner):
         return ("agent",)
     return ()
+
+
+def _same_memory(before: LearnerSettings, after: LearnerSettings) -> bool:
+    """Return whether what one learner knows means the same to another."""
+    if isinstance(before, TdSettings) and isinstance(after, TdSettings):
+        return True
+    if isinstance(before, FeltModel) and isinstance(after, FeltModel):
+        return (before.torque_per_m, before.unit_n) == (after.torque_per_m, after.unit_n)
+    return False
 
 
 def swap_for(definition: Definition, swaps: Sequence[Swap], request: SwapRequest, episode: int) -> Swap:
@@ -163,7 +181,7 @@ def words(swap: Swap) -> str:
     parts = []
     for name, table in (("classifier", swap.classifier), ("learner", swap.learner), ("policy", swap.policy)):
         if table is not None:
-            fields: dict[str, object] = msgspec.to_builtins(table)
+            fields = without_later({name: msgspec.to_builtins(table)})[name]
             settings = table.settings if isinstance(table, Plugin) else fields
             given = ", ".join(f"{key}={value}" for key, value in settings.items() if key != "kind")
             parts.append(f"{name} {kind_of(table)}" + (f" ({given})" if given else ""))
@@ -200,7 +218,7 @@ def _table(now: Definition, table: str, kind: str) -> dict[str, object]:
     fields: dict[str, object] = msgspec.to_builtins(present)
     if kind == kind_of(present):
         return fields
-    if table == "learner" and kind in TD_LEARNERS and not isinstance(present, Plugin):
+    if table == "learner" and kind in TD_LEARNERS and isinstance(present, TdSettings):
         return {**fields, "kind": kind}  # what both know carries over
     if kind in BUILT_IN[table]:
         return {"kind": kind}

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from services.wire.actions import Increment
+from services.wire.actions import Increment, guidance, increments
 from services.wire.definition import Definition
 from services.wire.definition_rules import reach_mm
 
@@ -26,8 +26,11 @@ class Workspace:
     def __init__(self, definition: Definition) -> None:
         """Take the limits from a definition; where it gives none, what its longest episode can do."""
         moves, limits = definition.moves, definition.limits
-        self._most_mm = limits.workspace_mm or limits.move_limit * max(moves.lateral_mm, moves.insertion_mm)
-        self._most_deg = limits.workspace_deg or min(180.0, limits.move_limit * moves.rotation_deg)
+        motions = (*increments(moves), guidance(moves))
+        shift_mm = max(math.hypot(*motion[:3]) for motion in motions)
+        turn_deg = max(sum(map(abs, motion[3:])) for motion in motions) if moves.list else moves.rotation_deg
+        self._most_mm = limits.workspace_mm or limits.move_limit * shift_mm
+        self._most_deg = limits.workspace_deg or min(180.0, limits.move_limit * turn_deg)
         self._deepest_mm = limits.deepest_mm or reach_mm(definition)
         self.begin(0.0)
 

@@ -14,8 +14,8 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from services.rules.swaps import fresh_at, known_in
-from services.task.rewards import reward_of_move
-from services.wire.actions import INSERT, Increment, increments
+from services.task.rewards import Potential, end_reward, reward_of_move
+from services.wire.actions import Increment, advances, guidance, increments
 from services.wire.definition import Definition
 from services.wire.errors import TreenailError
 from services.wire.messages import (
@@ -34,6 +34,9 @@ from services.wire.messages import (
     Torque,
 )
 from services.wire.randomness import Role, generator
+
+_SAME_MM = 1e-9
+"""Depths that differ by less are one depth: they are sums of many steps."""
 
 
 class Felt(NamedTuple):
@@ -58,6 +61,8 @@ class _Episode:
     first_decision: int
     depth_mm: float
     """Applied +Z less the height of the start: how far the tip is below the mouth, were nothing to give way."""
+    deepest_mm: float
+    """The greatest that was."""
     states: int
     swaps: int = 0
     """Swaps in force."""
@@ -65,6 +70,8 @@ class _Episode:
     moves_without_progress: int = 0
     force_n: float = 0.0
     """Magnitude at the last observation."""
+    potential: float = 0.0
+    """The shaping's there."""
     total: float = 0.0
     """Rewards so far."""
     sums: list[float] = field(default_factory=lambda: [0.0, 0.0])
@@ -87,6 +94,8 @@ class Insertion:
         self._seed = seed
         self._known_states = 0
         self._increments = increments(definition.moves)
+        self._advances = advances(definition.moves)
+        self._potential = Potential(definition)
         self._success_mm = definition.limits.success_fraction * definition.parts.peg_height_mm
         self._now = self._blank(0, 0)
 
@@ -121,6 +130,7 @@ class Insertion:
             )
         force = math.hypot(*force_n)
         self._now.depth_mm += moved.dz_mm
+        self._now.deepest_mm = max(self._now.deepest_mm, self._now.depth_mm)
         if self._now.moves:
             self._feel_magnitudes(force, math.hypot(*torque_nm))
         pending = self._settle(force)
@@ -129,11 +139,14 @@ class Insertion:
             return Felt(self._final_reward(pending, outcome), self._finish(outcome))
         if force < self._definition.limits.contact_force_n:
             self._now.pending = pending
-            self._now.moves_without_progress = 0
-            return Felt(None, self._move(Increment(dz_mm=self._definition.moves.insertion_mm)))
-        reward = None if pending is None else self._reward(pending, pending.reward, None)
+            step = guidance(self._definition.moves)
+            if self._deeper(step):
+                self._now.moves_without_progress = 0
+            return Felt(None, self._move(step))
+        potential = self._potential.of(force_n, torque_nm)
+        reward = None if pending is None else self._reward(pending, pending.reward, None, potential)
         self._now.pending = None
-        self._now.force_n = force
+        self._now.force_n, self._now.potential = force, potential
         return Felt(reward, self._observe(force_n, torque_nm))
 
     def act(self, action: Action, increment: Increment | None = None) -> Move:
@@ -152,8 +165,10 @@ class Insertion:
         self._now.states = max(self._now.states, action.state + 1)
         self._now.observation = None
         self._now.acting = action
-        self._now.moves_without_progress = 0 if action.action == INSERT else self._now.moves_without_progress + 1
-        return self._move(self._increments[action.action] if increment is None else increment)
+        listed = self._increments[action.action]
+        idle = 0 if self._deeper(listed) else self._now.moves_without_progress + 1
+        self._now.moves_without_progress = idle
+        return self._move(listed if increment is None else increment)
 
     def record(self) -> JournalEpisode:
         """Return the episode so far, as the journal and catching-up workers want it."""
@@ -179,6 +194,7 @@ class Insertion:
             force_n=force_n,
             torque_nm=torque_nm,
             swaps=self._now.swaps,
+            previous_action=self._now.steps[-1].action if self._now.steps else None,
         )
         self._now.steps.append(JournalStep(step=self._now.moves, force_n=force_n, torque_nm=torque_nm))
         self._now.observation = observation
@@ -186,11 +202,15 @@ class Insertion:
 
     def _blank(self, episode: int, first_decision: int, swaps: int = 0) -> _Episode:
         depth_mm = -self._definition.start.height_mm
-        return _Episode(episode, first_decision, depth_mm, self._known_states, swaps)
+        return _Episode(episode, first_decision, depth_mm, depth_mm, self._known_states, swaps)
 
     def _move(self, increment: Increment) -> Move:
         self._now.moves += 1
         return Move(run=self._run, episode=self._now.episode, step=self._now.moves, **increment._asdict())
+
+    def _deeper(self, increment: Increment) -> bool:
+        """Return whether a motion is progress: it leads deeper than the episode was; after -Z not each +Z does."""
+        return self._now.depth_mm + increment.dz_mm > self._now.deepest_mm + _SAME_MM
 
     def _feel_magnitudes(self, force_n: float, torque_nm: float) -> None:
         for index, value in enumerate((force_n, torque_nm)):
@@ -202,7 +222,9 @@ class Insertion:
         if self._now.acting is None:
             return self._now.pending
         acting, self._now.acting = self._now.acting, None
-        return _Pending(acting, reward_of_move(self._definition.reward, acting.action, self._now.force_n, force_n))
+        return _Pending(
+            acting, reward_of_move(self._definition.reward, self._advances[acting.action], self._now.force_n, force_n)
+        )
 
     def _outcome(self, force_n: float) -> Outcome | None:
         limits = self._definition.limits
@@ -215,14 +237,15 @@ class Insertion:
         return "move_limit" if self._now.moves >= limits.move_limit else None
 
     def _final_reward(self, pending: _Pending | None, outcome: Outcome) -> Reward | None:
-        penalty = {"collision": self._definition.reward.collision, "no_progress": self._definition.reward.no_progress}
         if pending is None:
             # The first touch already ended the episode: nobody decided, so nobody is taught, but it counts.
-            self._now.total += penalty.get(outcome, 0.0)
+            self._now.total += end_reward(self._definition.reward, outcome, 0.0)
             return None
-        return self._reward(pending, penalty.get(outcome, pending.reward), outcome)
+        return self._reward(pending, end_reward(self._definition.reward, outcome, pending.reward), outcome, 0.0)
 
-    def _reward(self, pending: _Pending, reward: float, terminal: Outcome | None) -> Reward:
+    def _reward(self, pending: _Pending, reward: float, terminal: Outcome | None, potential: float) -> Reward:
+        """Return a decision's reward, whose episode goes on at a ``potential``, or ends, where that is 0."""
+        reward += self._potential.price(self._now.potential, potential)
         self._now.total += reward
         done = pending.action
         self._now.steps[-1] = replace(self._now.steps[-1], reward=reward)

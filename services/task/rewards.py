@@ -1,19 +1,60 @@
-"""The two reward functions of the thesis: what a decision earned, from the force before and after its move."""
+"""What a decision earned: the two reward functions of the thesis, by its move and the force before and after it.
+
+And what may be added to either: success, and a price of force.
+"""
 
 from __future__ import annotations
 
-from services.wire.actions import INSERT
-from services.wire.definition import ForceChangeReward, InsertionReward, Reward
+import math
+
+from services.rules.wrench import Reference
+from services.wire.definition import Definition, ForceChangeReward, InsertionReward, Reward
+from services.wire.messages import Force, Outcome, Torque
 
 
-def reward_of_move(reward: Reward, action: int, force_before_n: float, force_after_n: float) -> float:
-    """Return the reward of a move that did not end the episode badly.
+def reward_of_move(reward: Reward, advances: bool, force_before_n: float, force_after_n: float) -> float:
+    """Return the reward of a move that did not end the episode badly; ``advances`` says whether it went in +Z.
 
     ``force_before_n`` (above 0, since decisions are taken in contact) and ``force_after_n`` are magnitudes [N].
     """
     if isinstance(reward, InsertionReward):
-        return reward.insertion_step if action == INSERT else reward.step
+        return reward.insertion_step if advances else reward.step
     return _by_force_change(reward, force_before_n, force_after_n)
+
+
+def end_reward(reward: Reward, outcome: Outcome, otherwise: float) -> float:
+    """Return the reward of the move that an episode ended with, which would have earned ``otherwise``.
+
+    An episode that was over at the first touch, without a decision, counts as much.
+    """
+    if outcome == "collision":
+        return reward.collision
+    if outcome == "no_progress":
+        return reward.no_progress
+    return otherwise + reward.success if outcome == "inserted" else otherwise
+
+
+class Potential:
+    """The price of force of one definition, as a difference of potentials; see ``Shaping``."""
+
+    def __init__(self, definition: Definition) -> None:
+        self._shaping = definition.shaping
+        self._reference = Reference(definition)
+
+    def of(self, force_n: Force, torque_nm: Torque) -> float:
+        """Return Phi [N] of a sample as it is read; 0 where there is no price. An episode ends at 0."""
+        if self._shaping.price_per_n == 0.0:
+            return 0.0
+        force, torque = self._reference.felt(force_n, torque_nm)
+        return math.hypot(*force) + self._shaping.torque_per_m * math.hypot(*torque)
+
+    def price(self, before: float, after: float) -> float:
+        """Return what is added to the reward of a decision between two potentials [N].
+
+        With noise, both decisions see Phi of the very sample that was observed there, so that over an episode all but
+        the first cancels out.
+        """
+        return self._shaping.price_per_n * (before - self._shaping.gamma * after)
 
 
 def _by_force_change(reward: ForceChangeReward, before_n: float, after_n: float) -> float:

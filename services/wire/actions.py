@@ -1,14 +1,22 @@
-"""The action sets: one increment each in the tool frame, in a fixed order (thesis 6.1, 6.4). -Z is never allowed."""
+"""The action sets: increments in the tool frame, the thesis's in its order (6.1, 6.4) or as a definition lists them.
+
+Of the thesis's, -Z is never allowed.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 from services.wire.definition import Moves
 
 ACTION_NAMES = ("+X", "-X", "+Y", "-Y", "+Z", "+RX", "-RX", "+RY", "-RY", "+RZ", "-RZ")
 INSERT = ACTION_NAMES.index("+Z")
-"""Index of the action that steps in the direction of insertion."""
+"""Index of the action, of the thesis's, that steps in the direction of insertion."""
+
+
+_SAME = 1e-9
+"""Distance between unit vectors up to which two directions are one."""
 
 
 class Increment(NamedTuple):
@@ -26,12 +34,14 @@ class Increment(NamedTuple):
 
 
 def action_names(moves: Moves) -> tuple[str, ...]:
-    """Return the names of an experiment's 5, 9 or 11 actions."""
-    return ACTION_NAMES[: moves.actions]
+    """Return the names of an experiment's actions."""
+    return tuple(move.name for move in moves.list) or ACTION_NAMES[: moves.actions]
 
 
 def increments(moves: Moves) -> tuple[Increment, ...]:
     """Return the increment of each of an experiment's actions."""
+    if moves.list:
+        return tuple(Increment(m.x_mm, m.y_mm, m.z_mm, m.rx_deg, m.ry_deg, m.rz_deg) for m in moves.list)
     lateral, turn = moves.lateral_mm, moves.rotation_deg
     return (
         Increment(dx_mm=lateral),
@@ -46,3 +56,39 @@ def increments(moves: Moves) -> tuple[Increment, ...]:
         Increment(rz_deg=turn),
         Increment(rz_deg=-turn),
     )[: moves.actions]
+
+
+def guidance(moves: Moves) -> Increment:
+    """Return the step that the task makes by itself where nothing is touched."""
+    return Increment(dz_mm=moves.insertion_mm)
+
+
+def advances(moves: Moves) -> tuple[bool, ...]:
+    """Return whether each action goes in the direction of insertion."""
+    return tuple(increment.dz_mm > 0.0 for increment in increments(moves))
+
+
+def repeatable(moves: Moves) -> tuple[bool, ...]:
+    """Return whether each action stays at its depth, so that exploration may go on with it."""
+    return tuple(increment.dz_mm == 0.0 for increment in increments(moves))
+
+
+def lines(moves: Moves) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """Return the line of motion of each action, numbered from 0, and its signed size on it.
+
+    Moves in the same direction, or in opposite ones, are on one line; its largest has size 1 or -1.
+    """
+    directions: list[tuple[float, ...]] = []
+    line_of, length_of = [], []
+    for increment in increments(moves):
+        length = math.hypot(*increment)
+        sign = next(math.copysign(1.0, value) for value in increment if value)
+        direction = tuple(sign * value / length for value in increment)
+        line = next((n for n, other in enumerate(directions) if math.dist(direction, other) < _SAME), len(directions))
+        directions += [direction] if line == len(directions) else []
+        line_of.append(line)
+        length_of.append(sign * length)
+    largest = [0.0] * len(directions)
+    for line, length in zip(line_of, length_of, strict=True):
+        largest[line] = max(largest[line], abs(length))
+    return tuple(line_of), tuple(length / largest[line] for length, line in zip(length_of, line_of, strict=True))

@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from services.wire.definition_base import AngleDeg, Checked, OffsetMm, StepSize
+from services.wire.definition_base import AngleDeg, Checked, OffsetMm, SignedStep, StepSize
 from services.wire.definition_base import Finite as Finite
 from services.wire.definition_base import Fraction as Fraction
 from services.wire.definition_base import NotNegative as NotNegative
@@ -24,6 +24,8 @@ from services.wire.definition_learning import Art2Settings as Art2Settings
 from services.wire.definition_learning import ClassifierSettings as ClassifierSettings
 from services.wire.definition_learning import EpsilonAnnealed as EpsilonAnnealed
 from services.wire.definition_learning import EpsilonGreedy as EpsilonGreedy
+from services.wire.definition_learning import Exploring as Exploring
+from services.wire.definition_learning import FeltModel as FeltModel
 from services.wire.definition_learning import ForceChangeReward as ForceChangeReward
 from services.wire.definition_learning import Greedy as Greedy
 from services.wire.definition_learning import InsertionReward as InsertionReward
@@ -33,9 +35,11 @@ from services.wire.definition_learning import Policy as Policy
 from services.wire.definition_learning import QLearning as QLearning
 from services.wire.definition_learning import Reward as Reward
 from services.wire.definition_learning import Sarsa as Sarsa
+from services.wire.definition_learning import Shaping as Shaping
 from services.wire.definition_learning import Softmax as Softmax
 from services.wire.definition_learning import TdSettings as TdSettings
-from services.wire.message_base import LONGEST_EPISODE, LONGEST_RUN
+from services.wire.definition_learning import Thompson as Thompson
+from services.wire.message_base import LONGEST_EPISODE, LONGEST_RUN, MOST_ACTIONS
 
 
 class Parts(Checked, frozen=True, kw_only=True):
@@ -156,6 +160,25 @@ SPREADS = tuple(name for name in Start.__struct_fields__ if "_spread_" in name)
 """The keys of a start that make it a random one."""
 
 
+class NamedMove(Checked, frozen=True, kw_only=True):
+    """One action: an increment in the tool frame; what turns, turns about the tip."""
+
+    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9+-][A-Za-z0-9+_-]{0,15}\Z")]
+    """What it is called in tables, plots and answers."""
+    x_mm: SignedStep = 0.0
+    """Shift along X."""
+    y_mm: SignedStep = 0.0
+    """Shift along Y."""
+    z_mm: SignedStep = 0.0
+    """Shift along Z: insertion, or below 0 back out."""
+    rx_deg: SignedStep = 0.0
+    """Turn about X; several combine as R = Rz Ry Rx."""
+    ry_deg: SignedStep = 0.0
+    """Turn about Y."""
+    rz_deg: SignedStep = 0.0
+    """Turn about the peg."""
+
+
 class Moves(Checked, frozen=True, kw_only=True):
     """The agent's actions: one increment each, in the tool frame (thesis 6.1, 6.4)."""
 
@@ -167,6 +190,13 @@ class Moves(Checked, frozen=True, kw_only=True):
     """Size of a move along +Z, the agent's and the guidance's alike."""
     rotation_deg: StepSize = 0.2
     """Size of a rotation."""
+    list: Annotated[tuple[NamedMove, ...], Meta(max_length=MOST_ACTIONS)] = ()
+    """The actions one by one, in place of the numbered ones and their sizes; guidance steps by insertion_mm still."""
+
+    @property
+    def count(self) -> int:
+        """How many actions there are."""
+        return len(self.list) or self.actions
 
 
 class Limits(Checked, frozen=True, kw_only=True):
@@ -194,6 +224,15 @@ class Limits(Checked, frozen=True, kw_only=True):
     """What an episode cut by ``move_limit`` teaches by its last decision: nothing, or that all ends there."""
 
 
+class Felt(Checked, frozen=True, kw_only=True):
+    """Which point the torques refer to that classifier, reward and learner are given; the guard feels as it is read."""
+
+    torque: Literal["as_read", "tip", "lever"] = "as_read"
+    """"as_read": the sensor. "tip": the peg's tip, wrist.sensor_height_mm ahead. "lever": ``lever_mm`` ahead."""
+    lever_mm: Annotated[float, Meta(ge=-1000, le=1000)] = 0.0
+    """How far the point is ahead of the sensor, towards the tip; with torque = "lever" only."""
+
+
 class Definition(Checked, frozen=True, kw_only=True):
     """One experiment."""
 
@@ -213,7 +252,9 @@ class Definition(Checked, frozen=True, kw_only=True):
     start: Start = Start()
     moves: Moves = Moves()
     limits: Limits = Limits()
+    felt: Felt = Felt()
     reward: Reward = InsertionReward()
+    shaping: Shaping = Shaping()
     classifier: ClassifierSettings = Art2Settings()
     learner: LearnerSettings = QLearning()
     policy: Policy = Softmax()

@@ -13,18 +13,18 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from importlib.resources import files
 from pathlib import Path
-from typing import get_args, get_type_hints
+from typing import Any, get_args, get_type_hints
 
 import msgspec
 
-from services.wire.definition import Definition
+from services.wire.definition import Definition, Felt, Shaping
 from services.wire.definition_rules import contradiction
 from services.wire.errors import DefinitionError, TreenailError
 from services.wire.message_base import LONGEST_RUN
 from services.wire.randomness import MAX_SEED
 from services.wire.text import decode, in_words, one_line
 
-_TABLE = re.compile(r"^\s*\[([A-Za-z0-9_.\s]+)\]")
+_TABLE = re.compile(r"^\s*\[\[?([A-Za-z0-9_.\s]+)\]")
 _KEY = re.compile(r"^\s*([A-Za-z0-9_.]+)\s*=")
 _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<path>[^`]*)`)?$", re.DOTALL)
 _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`", re.DOTALL)
@@ -41,6 +41,13 @@ _LATER: Mapping[str, object] = {
     "wrist.sensor_rx_deg": 0.0,
     "wrist.sensor_ry_deg": 0.0,
     "wrist.sensor_rz_deg": 0.0,
+    "moves.list": (),
+    "learner.trace": 0.0,
+    "policy.repeat": 0.0,
+    "policy.repeat_fade": 0.02,
+    "felt": msgspec.to_builtins(Felt()),
+    "shaping": msgspec.to_builtins(Shaping()),
+    "reward.success": 0.0,
 }
 """Keys that came later, as they are in plain types where all is as it was before there were such keys."""
 _USUAL_KINDS = {"classifier": "art2", "learner": "q_learning"}
@@ -134,10 +141,15 @@ def definition_sha256(definition: Definition) -> str:
 
     A key that came later is left out where it says what was done before there was one, so that runs keep their names.
     """
-    fields = msgspec.to_builtins(definition)
+    fields = without_later(msgspec.to_builtins(definition))
+    return hashlib.sha256(msgspec.json.encode(fields, order="sorted")).hexdigest()
+
+
+def without_later(fields: dict[str, Any]) -> dict[str, Any]:
+    """Leave out of a definition's tables, in plain types, the keys that came later and say what was done before."""
     for path, before in _LATER.items():
         _drop(fields, path.split("."), before)
-    return hashlib.sha256(msgspec.json.encode(fields, order="sorted")).hexdigest()
+    return fields
 
 
 def _drop(fields: dict[str, object], path: Sequence[str], before: object) -> None:
@@ -289,7 +301,9 @@ def _structs(path: str) -> list[type[msgspec.Struct]]:
     """Return the types that the table at a dotted path may have."""
     kinds: list[type[msgspec.Struct]] = [Definition]
     for part in path.split(".") if path else ():
-        hint = {name: kind for owner in kinds for name, kind in get_type_hints(owner).items()}.get(part)
+        hint = {name: kind for owner in kinds for name, kind in get_type_hints(owner).items()}.get(
+            part.partition("[")[0]
+        )
         options = get_args(hint) or (hint,)
         kinds = [kind for kind in options if isinstance(kind, type) and issubclass(kind, msgspec.Struct)]
     return kinds

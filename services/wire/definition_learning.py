@@ -21,6 +21,8 @@ class InsertionReward(Checked, frozen=True, kw_only=True, tag_field="kind", tag=
     """For a move that ends in a collision (instead of the others)."""
     no_progress: Finite = -50.0
     """For the move that ends the episode by the no-progress rule (instead of the others)."""
+    success: Finite = 0.0
+    """Added for the move that ends the episode inserted."""
 
 
 class ForceChangeReward(Checked, frozen=True, kw_only=True, tag_field="kind", tag="force_change"):
@@ -40,6 +42,23 @@ class ForceChangeReward(Checked, frozen=True, kw_only=True, tag_field="kind", ta
     """For a move that ends in a collision (instead of the others)."""
     no_progress: Finite = -50.0
     """For the move that ends the episode by the no-progress rule (instead of the others)."""
+    success: Finite = 0.0
+    """Added for the move that ends the episode inserted."""
+
+
+class Shaping(Checked, frozen=True, kw_only=True):
+    """The price of force: a potential, added to the reward of each decision, that leaves the best policy what it is.
+
+    r + price_per_n (Phi(s) - gamma Phi(s')) with Phi = |F| + torque_per_m |T| of what is felt at a decision and at the
+    next, and Phi = 0 where the episode ends (Ng, Harada and Russell 1999).
+    """
+
+    price_per_n: Annotated[float, Meta(ge=0, le=1000)] = 0.0
+    """What a newton costs; 0 switches it off."""
+    torque_per_m: Annotated[float, Meta(ge=0, le=1000)] = 20.0
+    """How many newtons a newton metre counts as, its torque referred as ``felt`` says."""
+    gamma: Fraction = 0.95
+    """Discount factor; with another than the learner's the best policy would be another."""
 
 
 class Art2Settings(Checked, frozen=True, kw_only=True, tag_field="kind", tag="art2"):
@@ -72,21 +91,48 @@ class Art2Settings(Checked, frozen=True, kw_only=True, tag_field="kind", tag="ar
 
 
 class QLearning(Checked, frozen=True, kw_only=True, tag_field="kind", tag="q_learning"):
-    """One-step Q-learning (thesis eq. 4.4)."""
+    """Q-learning (thesis eq. 4.4), one-step unless ``trace`` says otherwise."""
 
     alpha: Annotated[float, Meta(gt=0, le=1)] = 0.3
     """Learning rate."""
     gamma: Fraction = 0.95
     """Discount factor."""
+    trace: Fraction = 0.0
+    """How much of a lesson earlier decisions share in: lambda of Watkins's Q(lambda); 0 for one step."""
 
 
 class Sarsa(Checked, frozen=True, kw_only=True, tag_field="kind", tag="sarsa"):
-    """One-step SARSA (thesis eq. 4.5)."""
+    """SARSA (thesis eq. 4.5), one-step unless ``trace`` says otherwise."""
 
     alpha: Annotated[float, Meta(gt=0, le=1)] = 0.3
     """Learning rate."""
     gamma: Fraction = 0.95
     """Discount factor."""
+    trace: Fraction = 0.0
+    """How much of a lesson earlier decisions share in: lambda of SARSA(lambda); 0 for one step."""
+
+
+class FeltModel(Checked, frozen=True, kw_only=True, tag_field="kind", tag="felt"):
+    """A model of what a move earns at once, from what is felt, beside a table of what follows (docs/learning.md)."""
+
+    gamma: Fraction = 0.9
+    """Discount factor of what follows."""
+    alpha: Annotated[float, Meta(gt=0, le=1)] = 0.3
+    """Greatest learning rate of the table: of the n-th update of a value it is 1/n, between the two."""
+    alpha_least: Annotated[float, Meta(gt=0, le=1)] = 0.1
+    """Least learning rate of the table."""
+    torque_per_m: Annotated[float, Meta(ge=0, le=1000)] = 20.0
+    """How many newtons a newton metre counts as in the model, its torque referred as ``felt`` says."""
+    unit_n: Annotated[float, Meta(gt=0, le=1000)] = 3.0
+    """Scale of the model's features: about the force at which things change."""
+    ridge: Annotated[float, Meta(gt=0, le=1e6)] = 1.0
+    """How strongly the model holds that nothing earns anything before it has seen otherwise."""
+    keep: Annotated[float, Meta(ge=0.9, le=1)] = 1.0
+    """What the model's observations so far weigh after each further one; 1 forgets nothing."""
+    reward_limit: Annotated[float, Meta(gt=0, le=1e6)] = 20.0
+    """Most, up or down, that one reward tells the model; of a collision's the table is told the rest."""
+    value_limit: Annotated[float, Meta(gt=0, le=1e6)] = 20.0
+    """Most, up or down, that what comes next is taken to be worth."""
 
 
 class Plugin(Checked, frozen=True, kw_only=True, tag_field="kind", tag="plugin"):
@@ -102,21 +148,30 @@ class Greedy(Checked, frozen=True, kw_only=True, tag_field="kind", tag="greedy")
     """Always an action of the highest value; ties are drawn evenly."""
 
 
-class EpsilonGreedy(Checked, frozen=True, kw_only=True, tag_field="kind", tag="epsilon_greedy"):
+class Exploring(Checked, frozen=True, kw_only=True):
+    """What every policy that tries moves out may do besides: go on with what it tried."""
+
+    repeat: Fraction = 0.0
+    """Chance in the first episode that a move without insertion is simply made again, whatever the policy says."""
+    repeat_fade: NotNegative = 0.02
+    """How fast that fades: in episode n the chance is repeat * exp(-repeat_fade * n)."""
+
+
+class EpsilonGreedy(Exploring, frozen=True, kw_only=True, tag_field="kind", tag="epsilon_greedy"):
     """Thesis eq. 4.1 with constant epsilon."""
 
     epsilon: Fraction = 0.1
     """Chance of any action, whatever its value."""
 
 
-class EpsilonAnnealed(Checked, frozen=True, kw_only=True, tag_field="kind", tag="epsilon_annealed"):
+class EpsilonAnnealed(Exploring, frozen=True, kw_only=True, tag_field="kind", tag="epsilon_annealed"):
     """Thesis eqs. 4.1 and 4.2: epsilon = 1 / (mu * n + 1) in episode n."""
 
     mu: NotNegative = 0.01
     """How fast epsilon falls."""
 
 
-class Softmax(Checked, frozen=True, kw_only=True, tag_field="kind", tag="softmax"):
+class Softmax(Exploring, frozen=True, kw_only=True, tag_field="kind", tag="softmax"):
     """Gibbs distribution (thesis eq. 4.3) with beta = beta + beta_per_episode * n in episode n."""
 
     beta: NotNegative = 4.0
@@ -125,10 +180,19 @@ class Softmax(Checked, frozen=True, kw_only=True, tag_field="kind", tag="softmax
     """How much more they count in each episode after."""
 
 
+class Thompson(Exploring, frozen=True, kw_only=True, tag_field="kind", tag="thompson"):
+    """Draws each move's value from what is known of it, and takes the best; needs a learner of kind "felt"."""
+
+    width: NotNegative = 0.9
+    """Standard deviations that are drawn with, in the first episode."""
+    width_fade: NotNegative = 0.03
+    """How fast they fall: in episode n it is width * exp(-width_fade * n)."""
+
+
 Reward = InsertionReward | ForceChangeReward
 ClassifierSettings = Art2Settings | Plugin
 TdSettings = QLearning | Sarsa
-LearnerSettings = TdSettings | Plugin
+LearnerSettings = TdSettings | FeltModel | Plugin
 TD_LEARNERS: Mapping[str, type[TdSettings]] = {"q_learning": QLearning, "sarsa": Sarsa}
 """By their kind in a definition."""
-Policy = Greedy | EpsilonGreedy | EpsilonAnnealed | Softmax
+Policy = Greedy | EpsilonGreedy | EpsilonAnnealed | Softmax | Thompson

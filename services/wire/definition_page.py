@@ -12,7 +12,7 @@ import json
 from collections.abc import Iterator
 from functools import cache
 from importlib.resources import files
-from typing import Any, NamedTuple, get_args
+from typing import Any, NamedTuple, get_args, get_origin
 
 import msgspec
 from msgspec import NODEFAULT, Struct
@@ -83,6 +83,8 @@ def _lines() -> Iterator[str]:
             yield _doc(kind)
             yield ""
             yield from _table(kind)
+            for name, item in _lists(kind):
+                yield from ("", f"## [[{table}.{name}]]", "", _doc(item), "", *_table(item))
 
 
 def _table(kind: type[Struct]) -> Iterator[str]:
@@ -95,7 +97,7 @@ def _table(kind: type[Struct]) -> Iterator[str]:
 
 def keys(kind: type[Struct]) -> list[Key]:
     """Return the keys of one table, without the tables in it."""
-    hints, meanings = hints_of(kind), _meanings(kind.__name__)
+    hints, meanings = hints_of(kind), _meanings(kind)
     defaults = {field.name: field.default for field in msgspec.structs.fields(kind)}
     defaults |= {field.name: field.default_factory() for field in msgspec.structs.fields(kind) if _has_factory(field)}
     return [
@@ -103,6 +105,13 @@ def keys(kind: type[Struct]) -> list[Key]:
         for name in kind.__struct_fields__
         if not _structs(hints[name])
     ]
+
+
+def _lists(kind: type[Struct]) -> Iterator[tuple[str, type[Struct]]]:
+    """Give the keys of a table that are lists of tables, with what stands in these."""
+    for name, hint in hints_of(kind).items():
+        if list_type := next((part for part in get_args(hint) if get_origin(part) is tuple), None):
+            yield from ((name, item) for item in _structs(list_type))
 
 
 def _has_factory(field: msgspec.structs.FieldInfo) -> bool:
@@ -149,10 +158,11 @@ def _doc(kind: type[Struct]) -> str:
     return ast.get_docstring(_classes()[kind.__name__]) or ""
 
 
-def _meanings(name: str) -> dict[str, str]:
-    """Return what stands under each field of a class."""
-    body, meanings = _classes()[name].body, {}
-    for field, after in itertools.pairwise(body):
+def _meanings(kind: type[Struct]) -> dict[str, str]:
+    """Return what stands under each field of a class and of those that it is made from."""
+    bodies = [_classes()[base.__name__].body for base in kind.__mro__ if base.__name__ in _classes()]
+    meanings = {}
+    for field, after in itertools.chain.from_iterable(map(itertools.pairwise, bodies)):
         if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name) and isinstance(after, ast.Expr):
             text = ast.literal_eval(after.value)
             meanings[field.target.id] = " ".join(text.split())

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
+from services.wire.actions import guidance, increments
 from services.wire.cross_section import Corner, CrossSection
-from services.wire.definition import Art2Settings, Definition
+from services.wire.definition import Art2Settings, Definition, FeltModel, LearnerSettings, Moves, Plugin, Thompson
 from services.wire.force_bound import ForceBound
 
 _ROUNDING = 1e-9
@@ -29,6 +30,7 @@ def contradiction(definition: Definition) -> tuple[str, str] | None:
     room_mm = parts.clearance_mm + parts.chamfer_mm - max(0.0, dip_mm - height_mm)
     stiffness, wrist = definition.contact.stiffness_n_per_mm, definition.wrist
     mount = (wrist.sensor_rx_deg, wrist.sensor_ry_deg, wrist.sensor_rz_deg)
+    felt, shaping, gamma = definition.felt, definition.shaping, discount_of(definition.learner)
     rules = (
         (
             limits.contact_force_n < limits.collision_force_n,
@@ -76,6 +78,22 @@ def contradiction(definition: Definition) -> tuple[str, str] | None:
             "sensor.full_scale_n",
             f"expected 0 or at least limits.hard_force_n = {limits.hard_force_n}, got {sensor.full_scale_n}",
         ),
+        *_moves_rules(definition.moves),
+        (
+            not isinstance(definition.policy, Thompson) or isinstance(definition.learner, FeltModel | Plugin),
+            "policy.kind",
+            f"expected learner.kind = 'felt' with it, got {_kind(definition)!r}, which has nothing to draw from",
+        ),
+        (
+            felt.torque == "lever" or felt.lever_mm == 0.0,
+            "felt.lever_mm",
+            f"expected 0 with felt.torque = {felt.torque!r}, which does not ask for it, got {felt.lever_mm}",
+        ),
+        (
+            shaping.price_per_n == 0.0 or gamma is None or shaping.gamma == gamma,
+            "shaping.gamma",
+            f"expected learner.gamma = {gamma}, or the price of force changes what is best, got {shaping.gamma}",
+        ),
         (
             stiffness == 0.0 or stiffness >= _SOFTEST_N_PER_MM,
             "contact.stiffness_n_per_mm",
@@ -83,6 +101,31 @@ def contradiction(definition: Definition) -> tuple[str, str] | None:
         ),
     )
     return next(((key, complaint) for holds, key, complaint in rules if not holds), None) or obstruction(definition)
+
+
+def _moves_rules(moves: Moves) -> tuple[tuple[bool, str, str], ...]:
+    """Return the rules of a list of moves; every list that is not given holds them."""
+    names = [move.name for move in moves.list]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    still = next((move.name for move in moves.list if not any(increments(Moves(list=(move,)))[0])), None)
+    forward = not moves.list or any(move.z_mm > 0.0 for move in moves.list)
+    return (
+        (twice is None, "moves.list", f"expected names that differ, got {twice!r} twice"),
+        (still is None, "moves.list", f"expected moves that go somewhere, got {still!r}, which does not"),
+        (forward, "moves.list", "expected a move with z_mm above 0, which is the way to insertion, got none"),
+    )
+
+
+def _kind(definition: Definition) -> object:
+    return definition.learner.__struct_config__.tag
+
+
+def discount_of(learner: LearnerSettings) -> float | None:
+    """Return the discount factor that a learner learns with; None where only a plug-in knows it."""
+    if isinstance(learner, Plugin):
+        gamma = learner.settings.get("gamma")
+        return gamma if isinstance(gamma, float) else None
+    return learner.gamma
 
 
 def _dip_mm(definition: Definition) -> float:
@@ -139,4 +182,5 @@ def obstruction(definition: Definition) -> tuple[str, str] | None:
 def reach_mm(definition: Definition) -> float:
     """Return the greatest depth below the mouth [mm] that an episode commands: that of success and one step more."""
     limits = definition.limits
-    return limits.success_fraction * definition.parts.peg_height_mm + definition.moves.insertion_mm
+    step_mm = max(increment.dz_mm for increment in (*increments(definition.moves), guidance(definition.moves)))
+    return limits.success_fraction * definition.parts.peg_height_mm + step_mm

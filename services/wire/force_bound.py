@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 
-from services.wire.actions import Increment, increments
+from services.wire.actions import Increment, guidance, increments
 from services.wire.definition import Definition
 
 SETTLING_N = 0.5
@@ -35,7 +35,8 @@ class ForceBound:
         arm_n = math.hypot(self._per_mm * (shift_mm + self._lever_mm * turn), self._per_rad * turn)
         # Twice the sensor's: the reading before may be too low, the one after too high.
         self._unsure_n = SURE * noise.scale * math.sqrt(arm_n**2 + 2.0 * noise.force_n**2) + SETTLING_N
-        self.largest_n = max(map(self.added_n, increments(definition.moves)))
+        motions = (*increments(definition.moves), guidance(definition.moves))
+        self.largest_n = max(map(self.added_n, motions))
         """The most that one of the experiment's actions adds [N]."""
         self.needed_n = definition.limits.collision_force_n + self.largest_n
         """The least hard limit [N] that lets every action pass as long as no collision has ended the episode."""

@@ -11,6 +11,8 @@ LONGEST_RUN = 1_000_000
 LONGEST_EPISODE = 100_000
 """Motions."""
 MOST_STATES = 1_000_000
+MOST_ACTIONS = 64
+"""Moves that an agent may choose from."""
 MOST_SWAPS = 64
 """Of one run."""
 Count = Annotated[int, Meta(ge=0, le=2**53)]

@@ -119,17 +119,26 @@ class Complete(Message, frozen=True, kw_only=True):
 class Observation(LoopMessage, frozen=True, kw_only=True):
     """One F/T sample, felt in contact, to be classified."""
 
+    VERSION: ClassVar[int] = 3
+
     force_n: Force
     torque_nm: Torque
+    previous_action: Annotated[int, Meta(ge=0, le=63)] | None = None
+    """What the decision before it in this episode was; None at the episode's first."""
 
 
 class State(LoopMessage, frozen=True, kw_only=True):
     """The contact state of an observation."""
 
+    VERSION: ClassVar[int] = 3
+
     state: StateNumber
     states: States
     """Number of classes after this observation."""
     match: Annotated[float, Meta(ge=-1, le=1.000001)]
+    force_n: Force | None = None
+    """The sample that was classified, as it was observed; None where it is not known."""
+    torque_nm: Torque | None = None
 
 
 class Action(LoopMessage, frozen=True, kw_only=True):

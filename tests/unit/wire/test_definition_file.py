@@ -157,7 +157,8 @@ WRONG = [
     (
         'name = "mine"\n[policy]\nkind = "lucky"\n',
         3,
-        "policy.kind: expected one of 'greedy', 'epsilon_greedy', 'epsilon_annealed', 'softmax', got 'lucky'",
+        "policy.kind: expected one of 'greedy', 'epsilon_greedy', 'epsilon_annealed', 'softmax', 'thompson', "
+        "got 'lucky'",
     ),
     (
         'name = "mine"\n[reward]\nkind = "gold"\n',
@@ -167,7 +168,7 @@ WRONG = [
     (
         'name = "mine"\n[learner]\nkind = "dqn"\n',
         3,
-        "learner.kind: expected one of 'q_learning', 'sarsa', 'plugin', got 'dqn'",
+        "learner.kind: expected one of 'q_learning', 'sarsa', 'felt', 'plugin', got 'dqn'",
     ),
     ('name = "mine"\n[policy]\nbeta = 1.0\n', 2, "policy: object missing required field `kind`"),
     (
@@ -452,6 +453,6 @@ def test_a_key_that_came_later_is_left_out_of_the_hash_where_it_says_what_was_do
     before = Definition(name="mine", limits=Limits(truncation="terminal"))
     fields = msgspec.to_builtins(before)
     for key, value in _LATER.items():
-        table, _, name = key.partition(".")
-        assert fields[table].pop(name) == value, key
+        table, _, name = key.rpartition(".")
+        assert (fields[table] if table else fields).pop(name) == value, key
     assert definition_sha256(before) == hashlib.sha256(msgspec.json.encode(fields, order="sorted")).hexdigest()

@@ -1,0 +1,216 @@
+"""The felt learner: what it learns of a move and of what follows, how it chooses, and that it is a fold."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from services.agent.felt import FeltLearner
+from services.rules.plugins import FeelingLearner, Lesson
+from services.rules.wrench import Wrench
+from services.wire.definition import FeltModel, Greedy, Moves, NamedMove, Policy, Softmax, Thompson
+
+MOVES = Moves()
+INSERT = 4
+USUAL = FeltModel()
+PRESSED = Wrench((0.0, 0.0, -2.0), (0.0, 0.0, 0.0))
+LEFT = Wrench((1.5, 0.0, -1.0), (0.0, 0.1, 0.0))
+WIDE = Thompson(width=5.0, width_fade=0.0)
+
+
+def learner(policy: Policy = WIDE, seed: int = 3, settings: FeltModel = USUAL, moves: Moves = MOVES) -> FeltLearner:
+    return FeltLearner(moves, settings, policy, seed)
+
+
+def felt_at(draws: np.random.Generator) -> Wrench:
+    fx, fy, fz, tx, ty, tz = draws.normal(0.0, 1.0, 6).tolist()
+    return Wrench((fx, fy, fz - 1.0), (0.1 * tx, 0.1 * ty, 0.1 * tz))
+
+
+def run(subject: FeltLearner, episodes: int, first: int = 0) -> list[int]:
+    """Teach made-up episodes, in which moves along the lateral force are worth most; return all that it decided."""
+    decided = []
+    for episode in range(first, first + episodes):
+        draws = np.random.default_rng(episode)
+        previous: Lesson | None = None
+        for step in range(12):
+            state, felt = int(draws.integers(5)), felt_at(draws)
+            action = subject.decide_felt(previous, state, felt, episode, step)
+            decided.append(action)
+            gain = (felt.force_n[0], -felt.force_n[0], felt.force_n[1], -felt.force_n[1])
+            reward = gain[action] if action < 4 else -1.0
+            previous = Lesson(state, action, reward, felt)
+        assert previous is not None
+        outcome: Literal["inserted", "collision"] = "inserted" if episode % 3 else "collision"
+        subject.finish_felt(previous._replace(outcome=outcome, reward=-100.0 if outcome == "collision" else 0.0))
+    return decided
+
+
+def test_it_is_a_learner_that_feels() -> None:
+    assert isinstance(learner(), FeelingLearner)
+
+
+def test_what_a_move_earns_is_learnt_by_what_is_felt_also_where_it_never_was() -> None:
+    subject = learner()
+    run(subject, 60)
+    assert subject.opinion(0, LEFT, 0).model[:2].argmax() == 0
+    mirrored = Wrench((-1.5, 0.0, -1.0), (0.0, -0.1, 0.0))
+    assert subject.opinion(999, mirrored, 0).model[:2].argmax() == 1
+
+
+def test_what_one_move_teaches_its_opposite_knows() -> None:
+    subject = learner()
+    for _ in range(20):
+        subject.finish_felt(Lesson(0, 0, 3.0, LEFT, "inserted"))
+    opinion = subject.opinion(0, LEFT, 0)
+    assert opinion.model[0] == pytest.approx(3.0, abs=0.1)
+    assert opinion.model[1] != 0.0
+    assert opinion.model[2] == 0.0  # another line
+    assert opinion.deviation[1] < opinion.deviation[2]
+
+
+def test_the_table_learns_what_follows() -> None:
+    subject = learner(settings=FeltModel(gamma=0.5, alpha=0.5, alpha_least=0.25))
+    subject.finish_felt(Lesson(7, INSERT, 4.0, PRESSED, "inserted"))
+    best = subject.opinion(7, PRESSED, 0).values.max()
+    subject.decide_felt(Lesson(3, 0, -1.0, LEFT), 7, PRESSED, 0, 1)
+    first = 0.5 * 0.5 * best  # the model of +X changed, that of the best move, +Z, did not
+    assert subject.values(3)[0] == pytest.approx(first)
+    subject.decide_felt(Lesson(3, 0, -1.0, LEFT), 7, PRESSED, 0, 1)
+    assert subject.values(3)[0] == pytest.approx(first + 0.5 * (0.5 * best - first))
+    subject.decide_felt(Lesson(3, 0, -1.0, LEFT), 7, PRESSED, 0, 1)
+    assert subject.visits[3, 0] == 3
+    assert subject.version == 4
+
+
+def test_what_follows_counts_within_its_limit() -> None:
+    subject = learner(settings=FeltModel(gamma=1.0, alpha=1.0, value_limit=2.0))
+    for _ in range(30):
+        subject.finish_felt(Lesson(7, INSERT, 15.0, PRESSED, "inserted"))
+    subject.decide_felt(Lesson(3, 0, -1.0, LEFT), 7, PRESSED, 0, 1)
+    assert subject.values(3)[0] == 2.0
+
+
+def test_a_collision_tells_the_model_its_limit_and_the_table_the_rest() -> None:
+    subject = learner(settings=FeltModel(reward_limit=20.0, alpha=1.0, ridge=1e-6))
+    subject.finish_felt(Lesson(2, INSERT, -90.0, PRESSED, "collision"))
+    opinion = subject.opinion(2, PRESSED, 0)
+    assert opinion.model[INSERT] == pytest.approx(-20.0, abs=1e-3)
+    assert opinion.table[INSERT] == -70.0
+    assert opinion.values[INSERT] == pytest.approx(-90.0, abs=1e-3)
+
+
+def test_no_progress_is_none_of_the_last_moves_doing() -> None:
+    subject = learner(settings=FeltModel(alpha=1.0))
+    subject.finish_felt(Lesson(2, 0, -10.0, LEFT, "no_progress"))
+    assert subject.opinion(2, LEFT, 0).model.tolist() == [0.0] * 9
+    assert subject.values(2)[0] == -10.0
+
+
+def test_thompson_draws_by_what_is_known() -> None:
+    subject = learner(Thompson(width=1.0, width_fade=0.1))
+    new = [subject.decide_felt(None, 0, LEFT, 0, step) for step in range(300)]
+    assert set(new) == set(range(9))
+    for _ in range(400):
+        for action in range(9):
+            subject.finish_felt(Lesson(0, action, 2.0 if action == 0 else -2.0, LEFT, "inserted"))
+    learnt = [subject.decide_felt(None, 0, LEFT, 0, step) for step in range(300)]
+    assert set(learnt) == {0}
+    sure = learner(Thompson(width=1.0, width_fade=0.1))
+    assert {sure.decide_felt(None, 0, LEFT, 10_000, step) for step in range(50)} == {0}  # all are as good: the first
+
+
+def test_the_chances_are_those_of_the_draws() -> None:
+    subject = learner(Thompson(width=1.0, width_fade=0.0))
+    run(subject, 4)
+    chances = subject.opinion(1, LEFT, 0).chances
+    drawn = np.bincount([subject.decide_felt(None, 1, LEFT, 0, step) for step in range(4000)], minlength=9) / 4000
+    assert chances.sum() == pytest.approx(1.0)
+    assert chances == pytest.approx(drawn, abs=0.04)
+
+
+@pytest.mark.parametrize("policy", [Greedy(), Softmax(beta=1.0), Softmax(repeat=0.5), WIDE])
+def test_a_restored_learner_goes_on_bit_for_bit(policy: Policy) -> None:
+    whole, first = learner(policy), learner(policy)
+    decided = run(whole, 10)
+    assert run(first, 6) == decided[:72]
+    snapshot, second = first.snapshot(), learner(policy)
+    second.restore(snapshot)
+    assert second.digest() == first.digest()
+    assert second.snapshot() == snapshot
+    assert run(second, 4, 6) == decided[72:]
+    assert second.digest() == whole.digest()
+
+
+def test_a_memory_is_small() -> None:
+    subject = learner()
+    run(subject, 10)
+    size = sum(len(value) if isinstance(value, bytes) else 8 for value in subject.snapshot().values())
+    assert size < 20_000
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("lines", 4),
+        ("features", 26),
+        ("theta", b""),
+        ("covariances", b"\0" * 8),
+        ("theta", np.nan),
+        ("covariances", -1.0),
+    ],
+)
+def test_a_memory_that_does_not_fit_is_refused(name: str, value: object) -> None:
+    subject, other = learner(), learner()
+    run(subject, 2)
+    snapshot: dict[str, object] = {**subject.snapshot()}
+    if isinstance(value, float):
+        size = len(subject.snapshot()[name])  # type: ignore[arg-type]
+        snapshot[name] = np.full(size // 8, value).tobytes()
+    else:
+        snapshot[name] = value
+    before = other.digest()
+    with pytest.raises(ValueError, match="snapshot"):
+        other.restore(snapshot)
+    assert other.digest() == before
+
+
+@pytest.mark.parametrize(
+    "felt", [Wrench((math.nan, 0.0, 0.0), (0.0, 0.0, 0.0)), Wrench((0.0, 0.0, 1e9), (0.0, 0.0, 0.0))]
+)
+def test_what_cannot_be_felt_is_refused_and_nothing_learnt(felt: Wrench) -> None:
+    subject = learner()
+    run(subject, 1)
+    before = subject.digest()
+    for previous in (None, Lesson(0, 0, 1.0, LEFT)):
+        with pytest.raises(ValueError, match="force and torque"):
+            subject.decide_felt(previous, 0, felt, 1, 0)
+    for lesson in (
+        Lesson(0, 0, 1.0, felt, "inserted"),
+        Lesson(0, 0, math.inf, LEFT, "inserted"),
+        Lesson(0, 9, 1.0, LEFT),
+    ):
+        with pytest.raises(ValueError, match=r"force and torque|reward|action"):
+            subject.finish_felt(lesson)
+    assert subject.digest() == before
+
+
+def test_moves_of_several_sizes_share_a_line() -> None:
+    moves = Moves(
+        list=(
+            NamedMove(name="big", x_mm=0.4),
+            NamedMove(name="small", x_mm=-0.1),
+            NamedMove(name="down", z_mm=0.2),
+            NamedMove(name="up", z_mm=-0.2),
+            NamedMove(name="screw", z_mm=0.1, rz_deg=0.5),
+        )
+    )
+    subject = learner(moves=moves)
+    assert subject.actions == 5
+    assert subject.snapshot()["lines"] == 3
+    subject.finish_felt(Lesson(0, 0, 5.0, LEFT, "inserted"))
+    model = subject.opinion(0, LEFT, 0).model
+    assert (model != 0.0).tolist() == [True, True, False, False, False]
