@@ -12,14 +12,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from importlib import import_module
+from types import ModuleType
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from services.rules.compiled import compiled, made_ahead
+from services.rules.compiled import compiled
 
-machine_code = made_ahead("services.agent.felt_machine_code")
+try:
+    # Made ahead by compile_kernel.py, for container images: the compiler alone takes 190 MB.
+    machine_code: ModuleType | None = import_module("services.agent.felt_machine_code")
+except ModuleNotFoundError:
+    machine_code = None
 
 Array = NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., object])

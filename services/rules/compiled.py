@@ -3,19 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import import_module
 from types import ModuleType
 from typing import TypeVar, cast
 
 Function = TypeVar("Function", bound=Callable[..., object])
-
-
-def made_ahead(module: str) -> ModuleType | None:
-    """Return the extension module of a name that an image was built with; None where there is none."""
-    try:
-        return import_module(module)
-    except ModuleNotFoundError:
-        return None
 
 
 def compiled(function: Function, machine_code: ModuleType | None) -> Function:
