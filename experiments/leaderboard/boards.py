@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 from experiments.lab.progress import Reporter
 from experiments.leaderboard import ablation, lasting, learning, plan, transfer
 from experiments.leaderboard.folder import Folder
-from experiments.leaderboard.methods import TREENAIL, beginning_with, methods
+from experiments.leaderboard.methods import TREENAIL, Method, beginning_with, methods
 from experiments.leaderboard.plan import Length
 from experiments.leaderboard.runner import Spread
 from experiments.leaderboard.suite import CHANGING, QUICK, tasks
@@ -29,6 +29,8 @@ class Wanted(NamedTuple):
     episodes: int | None = None
     baseline_episodes: int | None = None
     skills: tuple[Path, ...] = ()
+    variants: tuple[tuple[str, ...], ...] = ()
+    """Names, each with overrides behind it."""
 
     def length(
         self, seeds: tuple[int, ...], quick_seeds: tuple[int, ...], episodes: int, quick_episodes: int
@@ -48,7 +50,8 @@ class Wanted(NamedTuple):
 
 def _learning(wanted: Wanted) -> Plan:
     length = wanted.usual()
-    some = (*methods(wanted.methods), *map(beginning_with, wanted.skills))
+    variants = (Method(name, " ".join(overrides), "learn", tuple(overrides)) for name, *overrides in wanted.variants)
+    some = (*methods(wanted.methods), *variants, *map(beginning_with, wanted.skills))
     entries = plan.entries(tasks(wanted.tasks, wanted.quick), some, length)
     return lambda folder, spread, reporter: learning.make(
         learning.LEADERBOARD, entries, length, folder, spread, reporter

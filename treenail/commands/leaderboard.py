@@ -1,4 +1,4 @@
-"""``treenail leaderboard``: methods on the tasks of the suite, over seeds, beside a hand-written rule."""
+"""Hold methods against each other on the tasks of the suite, over several seeds, beside a hand-written rule."""
 
 from __future__ import annotations
 
@@ -51,10 +51,13 @@ def _act(arguments: argparse.Namespace) -> None:
         arguments.episodes,
         arguments.baseline_episodes,
         tuple(arguments.skill),
+        tuple((name, *overrides) for name, *overrides in arguments.variant),
     )
-    if arguments.skill and arguments.board != "learning":
+    if arguments.skill and arguments.board is not None:
         raise TreenailError(f"--skill: expected no --{arguments.board} with it, which begins with nothing learnt")
-    make = boards.BOARDS[arguments.board]
+    if arguments.variant and arguments.board is not None:
+        raise TreenailError(f"--variant: expected no --{arguments.board} with it, whose methods are others")
+    make = boards.BOARDS[arguments.board or "learning"]
     with reporter() as report:
         folder, plan = Folder(arguments.out, report.say), make(wanted)
         spread = None if arguments.page_only else _spread(arguments, report)
@@ -81,11 +84,18 @@ def _parser() -> Parser:
     which = parser.add_mutually_exclusive_group()
     for board, said in BOARDS.items():
         which.add_argument(f"--{board}", dest="board", action="store_const", const=board, help=said)
-    parser.set_defaults(board="learning")
     parser.add_argument("--tasks", nargs="+", metavar="NAME", help="only these, such as suite-round or 'suite-*'")
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="only these, and the rule")
     parser.add_argument(
         "--skill", type=Path, nargs="+", default=[], metavar="FILE", help="and the learner that begins with this skill"
+    )
+    parser.add_argument(
+        "--variant",
+        nargs="+",
+        action="append",
+        default=[],
+        metavar=("NAME", "KEY=VALUE"),
+        help="and the task's learner with other settings, such as `--variant bold policy.beta=8.0`; may be repeated",
     )
     parser.add_argument("--seeds", type=_seeds, metavar="A..B,C", help="such as 100..109, the default")
     parser.add_argument("--episodes", type=whole(), metavar="N", help="of who learns (default: 300)")

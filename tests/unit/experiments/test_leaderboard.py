@@ -280,3 +280,12 @@ def test_a_skill_is_begun_with_and_one_that_does_not_fit_is_named(tmp_path: Path
 def test_boards_that_begin_with_nothing_take_no_skill(capsys: pytest.CaptureFixture[str]) -> None:
     assert command.main(["--long", "--skill", "x.skill"]) == 2
     assert "--skill: expected no --long with it" in capsys.readouterr().err
+
+
+def test_a_variant_is_the_tasks_learner_with_other_settings(tmp_path: Path) -> None:
+    wanted = Wanted(tasks=["suite-round"], methods=[RULE], seeds=(100,), episodes=1, baseline_episodes=1)
+    variants = (("bold", "policy.beta=8.0"), ("wrong", "policy.beta=-1"))
+    BOARDS["learning"](wanted._replace(variants=variants))(Folder(tmp_path, lambda _: None), Here(), quiet())
+    rows = {row["method"]: row for row in json.loads((tmp_path / NUMBERS).read_text())["rows"]}
+    assert rows["bold"]["figures"]["episodes"] == 1
+    assert "policy.beta" in rows["wrong"]["missing"][0]
