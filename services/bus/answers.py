@@ -18,8 +18,6 @@ from services.wire.text import numbers, one_line
 
 M = TypeVar("M", bound=Message)
 
-_DROP = zenoh.CongestionControl.DROP
-
 
 @dataclass(frozen=True)
 class Request:
@@ -62,10 +60,7 @@ class Asked:
         if self.open:
             body = self._body(message)
             with self._last():
-                # Who asks and does not listen must not hold up who answers.
-                self._query.reply(
-                    self._key, body, encoding=self._encoding(type(message)), express=True, congestion_control=_DROP
-                )
+                self._query.reply(self._key, body, encoding=self._encoding(type(message)), express=True)
 
     def refuse(self, error: TreenailError) -> None:
         """Answer with why not."""

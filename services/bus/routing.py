@@ -7,6 +7,7 @@ from pathlib import Path
 
 import zenoh
 
+from services.bus import runtime
 from services.bus.access import FOR_ALL, FOR_THE_CELL, ROUTER, by_certificate, by_door
 from services.bus.own_socket import SCHEME
 from services.bus.session import brief, config
@@ -38,6 +39,7 @@ def open_router(endpoints: Sequence[str], certs: Path | None = None, trusted: Se
     ``trusted`` network interfaces may do all, everybody else what a guest may. Raises CellError when it cannot.
     """
     check_endpoints(endpoints, certs)
+    runtime.use(runtime.ROUTER)
     settings: dict[str, object] = {
         "mode": "router",
         "listen": {"endpoints": list(endpoints)},

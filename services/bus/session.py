@@ -8,11 +8,6 @@ import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
-# Zenoh reads this once per process, before its first session. Fewer runtimes mean fewer wake-ups and so less latency,
-# but sending keeps a runtime of its own: a receiving thread that has to wait for room in the send queue would otherwise
-# wait for itself; see docs/decisions/0003-zenoh-runtime.md. Sockets belong to that runtime too (net, acc), as it has to
-# hear when they can be written to again: a router without lost every message that was larger than their buffers.
-os.environ.setdefault("ZENOH_RUNTIME", "(tx: (worker_threads: 2))")
 # A timestamp says who sent a message. One that is further ahead of the own clock than this would be replaced by whoever
 # gets it, as if it were a message of his own: then a clock that jumps, or two machines half a second apart, would stop
 # the cell. Nothing here takes these timestamps for the time of day. They follow the clock that is furthest ahead, only
@@ -21,7 +16,7 @@ os.environ.setdefault("UHLC_MAX_DELTA_MS", str(20 * 366 * 24 * 3600 * 1000))
 
 import zenoh
 
-from services.bus import own_socket
+from services.bus import own_socket, runtime
 from services.bus.tls import check_endpoints, identity, trouble
 from services.wire.errors import CellError
 
@@ -82,6 +77,7 @@ def open_client(
     be used, and when router and we refuse each other's.
     """
     check_endpoints(endpoints, certs)
+    runtime.use(runtime.SERVICE)
     us = None if certs is None else identity(certs, name)
     tls = None if us is None else us.zenoh(listen=False)
     deadline = time.monotonic() + timeout_s

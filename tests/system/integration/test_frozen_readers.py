@@ -27,6 +27,23 @@ session = zenoh.open(zenoh.Config.from_json5(json.dumps({**common, **lease})))
 pause_s = 0.2 if sys.argv[2] == "slow" else 0.0
 held = session.declare_subscriber("treenail/**", Callback(lambda sample: time.sleep(pause_s), indirect=False))
 print("ready", flush=True)
+if sys.argv[2] == "asks":
+    sys.stdin.readline()
+    for number in range(4):
+        session.get(f"treenail/a/journal/{number}", Callback(lambda reply: time.sleep(5), indirect=False), timeout=60)
+    print("asked", flush=True)
+time.sleep(1000)
+"""
+STORE = """
+import sys, time
+from services.bus.session import open_client
+session = open_client([sys.argv[1]], 30.0)
+def answer(query):
+    with query:
+        for _ in range(100):
+            query.reply(query.key_expr, bytes(200_000))
+held = session.declare_queryable("treenail/a/journal/**", answer)
+print("ready", flush=True)
 time.sleep(1000)
 """
 LONGEST_GAP_S = 1.0
@@ -34,7 +51,7 @@ LONGEST_GAP_S = 1.0
 WATCHED_S = 6.0
 
 
-@pytest.mark.parametrize("kinds", [("stopped",), ("stopped", "stopped", "stopped", "slow")])
+@pytest.mark.parametrize("kinds", [("stopped",), ("stopped", "stopped", "stopped", "slow"), ("asks",) * 4])
 def test_a_reader_that_does_not_read_delays_nobody(
     run_module: Callable[..., Any], wait_until: Callable[..., None], kinds: tuple[str, ...]
 ) -> None:
@@ -52,19 +69,26 @@ def test_a_reader_that_does_not_read_delays_nobody(
                 action.put(bytes(100))
                 time.sleep(0.001)
 
+        codes = [(READER, kind) for kind in kinds] + [(STORE, "store")]
         readers = [
-            subprocess.Popen([sys.executable, "-c", READER, endpoint, kind], stdout=subprocess.PIPE) for kind in kinds
+            subprocess.Popen([sys.executable, "-c", *of, endpoint, kind], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+            for *of, kind in codes
         ]
         try:
             for reader in readers:
                 assert reader.stdout is not None and reader.stdout.readline() == b"ready\n"
             speak(0.5)
             wait_until("it is heard", lambda: heard)
-            for reader, kind in zip(readers, kinds, strict=True):
-                if kind != "slow":
-                    reader.send_signal(signal.SIGSTOP)
             heard.clear()
             began = time.monotonic()
+            for reader, kind in zip(readers, kinds, strict=False):
+                if kind == "asks":
+                    assert reader.stdin is not None and reader.stdout is not None
+                    reader.stdin.write(b"\n")
+                    reader.stdin.flush()
+                    assert reader.stdout.readline() == b"asked\n"
+                if kind != "slow":
+                    reader.send_signal(signal.SIGSTOP)
             speak(WATCHED_S)
             wait_until("what was said last is heard", lambda: heard and heard[-1] > began + WATCHED_S - 0.1)
         finally:
