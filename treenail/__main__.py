@@ -52,6 +52,7 @@ COMMANDS = {
     "swap": "change learner or classifier while a cell learns",
     "checkpoint": "list, show, export and import what was learnt",
     "evaluate": "say how good a skill is on a task, beside a hand-written rule",
+    "export": "write a run as MCAP, Parquet or a LeRobot dataset",
     "certs": "make a certificate authority and a certificate for each service",
 }
 """Each is a module of ``treenail.commands``; its ``act`` returns the exit status, 0 or 1."""
@@ -169,6 +170,10 @@ def _module(name: str) -> Command:
             from treenail.commands import evaluate
 
             return evaluate
+        case "export":
+            from treenail.commands import export
+
+            return export
         case _:
             from treenail.commands import certs
 
