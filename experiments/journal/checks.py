@@ -14,7 +14,7 @@ from functools import partial
 
 from experiments.journal.magnitudes import Trouble, magnitude_troubles
 from services.task.rewards import Potential, end_reward, reward_of_move
-from services.wire.actions import advances, guidance, increments
+from services.wire.actions import guidance, increments
 from services.wire.definition import Definition, InsertionReward
 from services.wire.messages import EpisodeSummary, JournalStep
 
@@ -73,9 +73,14 @@ def _rewards(
     potential, after = Potential(definition), 0.0 if last else None
     if after is None:
         after = potential.of(steps[index + 1].force_n, steps[index + 1].torque_nm)
-    price = potential.price(potential.of(step.force_n, step.torque_nm), after)
+    price = potential.price(_led_mm(definition, step), potential.of(step.force_n, step.torque_nm), after)
     earned = _moves_rewards(definition, steps, index, summary)
     return frozenset((end_reward(reward, summary.outcome, value) if last else value) + price for value in earned)
+
+
+def _led_mm(definition: Definition, step: JournalStep) -> float:
+    """Return how far in +Z a decision was to lead."""
+    return increments(definition.moves)[step.action or 0].dz_mm
 
 
 def _moves_rewards(
@@ -83,9 +88,9 @@ def _moves_rewards(
 ) -> frozenset[float]:
     """Return what a step's move may have earned, had it not ended the episode."""
     reward, step = definition.reward, steps[index]
-    last, inserts = index == len(steps) - 1, advances(definition.moves)[step.action or 0]
-    if isinstance(reward, InsertionReward):
-        return frozenset({reward.insertion_step if inserts else reward.step})
+    last, dz_mm = index == len(steps) - 1, _led_mm(definition, step)
+    if isinstance(reward, InsertionReward) or dz_mm < 0.0:
+        return frozenset({reward_of_move(reward, dz_mm, 1.0, 1.0)})
     before_n, contact_n = math.hypot(*step.force_n), definition.limits.contact_force_n
     if not last and steps[index + 1].step == step.step + 1:
         after_n = [math.hypot(*steps[index + 1].force_n)]
@@ -93,7 +98,7 @@ def _moves_rewards(
         after_n = [0.0, math.nextafter(contact_n, 0.0)]  # guidance went on: the force had fallen below contact
     else:
         return frozenset({reward.fell, reward.rose, reward.otherwise})
-    return frozenset(reward_of_move(reward, inserts, before_n, force_n) for force_n in after_n)
+    return frozenset(reward_of_move(reward, dz_mm, before_n, force_n) for force_n in after_n)
 
 
 def _return(definition: Definition, steps: Sequence[JournalStep], summary: EpisodeSummary) -> float:

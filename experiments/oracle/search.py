@@ -179,7 +179,7 @@ class _Beam:
             return None
         cost = node.cost
         if contact:
-            cost -= reward_of_move(self._definition.reward, action == INSERT, node.force_n, force_n)
+            cost -= reward_of_move(self._definition.reward, self._increments[action].dz_mm, node.force_n, force_n)
         snapshot = self._world.snapshot()
         to_go = (0.0,) * len(AIMS) if depth_mm >= self._success_mm else self._to_go(snapshot.flange)
         total = node.force_sum_n + force_n

@@ -53,7 +53,8 @@ class FeltLearner(Learner):
         model, deviation = self._judge(wrench)
         if previous is not None:
             most, limit = float((model + row).max()), self._model.value_limit
-            self._follow(previous, self._model.gamma * min(limit, max(-limit, most)))
+            part = self._model.gamma * self._model.follow
+            self._follow(previous, part * min(limit, max(-limit, most)))
             row = self._row(state)
         draws = self._draws.at(episode, step)
         action = self._choice(model + row, deviation, episode, draws)

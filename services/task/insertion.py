@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from services.rules.swaps import fresh_at, known_in
 from services.task.rewards import Potential, end_reward, reward_of_move
-from services.wire.actions import Increment, advances, guidance, increments
+from services.wire.actions import Increment, guidance, increments
 from services.wire.definition import Definition
 from services.wire.errors import TreenailError
 from services.wire.messages import (
@@ -94,7 +94,6 @@ class Insertion:
         self._seed = seed
         self._known_states = 0
         self._increments = increments(definition.moves)
-        self._advances = advances(definition.moves)
         self._potential = Potential(definition)
         self._success_mm = definition.limits.success_fraction * definition.parts.peg_height_mm
         self._now = self._blank(0, 0)
@@ -223,7 +222,8 @@ class Insertion:
             return self._now.pending
         acting, self._now.acting = self._now.acting, None
         return _Pending(
-            acting, reward_of_move(self._definition.reward, self._advances[acting.action], self._now.force_n, force_n)
+            acting,
+            reward_of_move(self._definition.reward, self._increments[acting.action].dz_mm, self._now.force_n, force_n),
         )
 
     def _outcome(self, force_n: float) -> Outcome | None:
@@ -245,7 +245,7 @@ class Insertion:
 
     def _reward(self, pending: _Pending, reward: float, terminal: Outcome | None, potential: float) -> Reward:
         """Return a decision's reward, whose episode goes on at a ``potential``, or ends, where that is 0."""
-        reward += self._potential.price(self._now.potential, potential)
+        reward += self._potential.price(self._increments[pending.action.action].dz_mm, self._now.potential, potential)
         self._now.total += reward
         done = pending.action
         self._now.steps[-1] = replace(self._now.steps[-1], reward=reward)

@@ -12,13 +12,15 @@ from services.wire.definition import Definition, ForceChangeReward, InsertionRew
 from services.wire.messages import Force, Outcome, Torque
 
 
-def reward_of_move(reward: Reward, advances: bool, force_before_n: float, force_after_n: float) -> float:
-    """Return the reward of a move that did not end the episode badly; ``advances`` says whether it went in +Z.
+def reward_of_move(reward: Reward, dz_mm: float, force_before_n: float, force_after_n: float) -> float:
+    """Return the reward of a move that goes so far in +Z [mm] and did not end the episode badly.
 
     ``force_before_n`` (above 0, since decisions are taken in contact) and ``force_after_n`` are magnitudes [N].
     """
+    if dz_mm < 0.0:
+        return reward.back
     if isinstance(reward, InsertionReward):
-        return reward.insertion_step if advances else reward.step
+        return reward.insertion_step if dz_mm > 0.0 else reward.step
     return _by_force_change(reward, force_before_n, force_after_n)
 
 
@@ -48,13 +50,15 @@ class Potential:
         force, torque = self._reference.felt(force_n, torque_nm)
         return math.hypot(*force) + self._shaping.torque_per_m * math.hypot(*torque)
 
-    def price(self, before: float, after: float) -> float:
-        """Return what is added to the reward of a decision between two potentials [N].
+    def price(self, dz_mm: float, before: float, after: float) -> float:
+        """Return what is added to the reward of a decision between two potentials [N]; it leads so far in +Z [mm].
+
+        A move back out has a fixed reward: paid for the force that it takes off, it would be made again and again.
 
         With noise, both decisions see Phi of the very sample that was observed there, so that over an episode all but
         the first cancels out.
         """
-        return self._shaping.price_per_n * (before - self._shaping.gamma * after)
+        return 0.0 if dz_mm < 0.0 else self._shaping.price_per_n * (before - self._shaping.gamma * after)
 
 
 def _by_force_change(reward: ForceChangeReward, before_n: float, after_n: float) -> float:

@@ -63,11 +63,6 @@ def guidance(moves: Moves) -> Increment:
     return Increment(dz_mm=moves.insertion_mm)
 
 
-def advances(moves: Moves) -> tuple[bool, ...]:
-    """Return whether each action goes in the direction of insertion."""
-    return tuple(increment.dz_mm > 0.0 for increment in increments(moves))
-
-
 def repeatable(moves: Moves) -> tuple[bool, ...]:
     """Return whether each action stays at its depth, so that exploration may go on with it."""
     return tuple(increment.dz_mm == 0.0 for increment in increments(moves))

@@ -48,6 +48,7 @@ _LATER: Mapping[str, object] = {
     "felt": msgspec.to_builtins(Felt()),
     "shaping": msgspec.to_builtins(Shaping()),
     "reward.success": 0.0,
+    "reward.back": -3.0,
 }
 """Keys that came later, as they are in plain types where all is as it was before there were such keys."""
 _USUAL_KINDS = {"classifier": "art2", "learner": "q_learning"}

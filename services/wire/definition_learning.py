@@ -21,6 +21,8 @@ class InsertionReward(Checked, frozen=True, kw_only=True, tag_field="kind", tag=
     """For a move that ends in a collision (instead of the others)."""
     no_progress: Finite = -50.0
     """For the move that ends the episode by the no-progress rule (instead of the others)."""
+    back: Finite = -3.0
+    """For a move back out (a listed one, z_mm below 0), whatever it did; it is not shaped."""
     success: Finite = 0.0
     """Added for the move that ends the episode inserted."""
 
@@ -42,6 +44,8 @@ class ForceChangeReward(Checked, frozen=True, kw_only=True, tag_field="kind", ta
     """For a move that ends in a collision (instead of the others)."""
     no_progress: Finite = -50.0
     """For the move that ends the episode by the no-progress rule (instead of the others)."""
+    back: Finite = -3.0
+    """For a move back out (a listed one, z_mm below 0), whatever it did; it is not shaped."""
     success: Finite = 0.0
     """Added for the move that ends the episode inserted."""
 
@@ -115,8 +119,10 @@ class Sarsa(Checked, frozen=True, kw_only=True, tag_field="kind", tag="sarsa"):
 class FeltModel(Checked, frozen=True, kw_only=True, tag_field="kind", tag="felt"):
     """A model of what a move earns at once, from what is felt, beside a table of what follows (docs/learning.md)."""
 
-    gamma: Fraction = 0.9
-    """Discount factor of what follows."""
+    gamma: Fraction = 1.0
+    """Discount factor of the task."""
+    follow: Fraction = 0.9
+    """Part of what is thought to follow that the table counts on: less than all, since it is a guess of a guess."""
     alpha: Annotated[float, Meta(gt=0, le=1)] = 0.3
     """Greatest learning rate of the table: of the n-th update of a value it is 1/n, between the two."""
     alpha_least: Annotated[float, Meta(gt=0, le=1)] = 0.1

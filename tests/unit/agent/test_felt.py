@@ -73,7 +73,7 @@ def test_what_one_move_teaches_its_opposite_knows() -> None:
 
 
 def test_the_table_learns_what_follows() -> None:
-    subject = learner(settings=FeltModel(gamma=0.5, alpha=0.5, alpha_least=0.25))
+    subject = learner(settings=FeltModel(gamma=0.5, follow=1.0, alpha=0.5, alpha_least=0.25))
     subject.finish_felt(Lesson(7, INSERT, 4.0, PRESSED, "inserted"))
     best = subject.opinion(7, PRESSED, 0).values.max()
     subject.decide_felt(Lesson(3, 0, -1.0, LEFT), 7, PRESSED, 0, 1)
@@ -87,7 +87,7 @@ def test_the_table_learns_what_follows() -> None:
 
 
 def test_what_follows_counts_within_its_limit() -> None:
-    subject = learner(settings=FeltModel(gamma=1.0, alpha=1.0, value_limit=2.0))
+    subject = learner(settings=FeltModel(follow=1.0, alpha=1.0, value_limit=2.0))
     for _ in range(30):
         subject.finish_felt(Lesson(7, INSERT, 15.0, PRESSED, "inserted"))
     subject.decide_felt(Lesson(3, 0, -1.0, LEFT), 7, PRESSED, 0, 1)
