@@ -19,7 +19,7 @@ BASELINE_EPISODES, QUICK_BASELINE_EPISODES = 40, 20
 """Of who does not learn: all count, so fewer do."""
 RANDOM_EPISODES = 10
 """Most episodes of random moves, which take longest and teach least."""
-SLOW_MOVES, SLOW_SEEDS = 200.0, 5
+SLOW_MOVES, SLOW_SEEDS = 200.0, 3
 """Where an insertion takes more moves than this, all but learner and rule run on the first few seeds only."""
 SEEDS, QUICK_SEEDS = tuple(range(100, 110)), (100, 101, 102)
 """Seeds that nobody tunes on: runs and tests use 0 to 9."""
