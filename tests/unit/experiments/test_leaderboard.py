@@ -290,8 +290,8 @@ def test_boards_that_begin_with_nothing_take_no_skill(capsys: pytest.CaptureFixt
 
 def test_a_variant_is_the_tasks_learner_with_other_settings(tmp_path: Path) -> None:
     wanted = Wanted(tasks=["suite-round"], methods=[RULE], seeds=(100,), episodes=1, baseline_episodes=1)
-    variants = (("bold", "policy.beta=8.0"), ("wrong", "policy.beta=-1"))
+    variants = (("bold", "policy.width=2.0"), ("wrong", "policy.width=-1"))
     BOARDS["learning"](wanted._replace(variants=variants))(Folder(tmp_path, lambda _: None), Here(), quiet())
     rows = {row["method"]: row for row in json.loads((tmp_path / NUMBERS).read_text())["rows"]}
     assert rows["bold"]["figures"]["episodes"] == 1
-    assert "policy.beta" in rows["wrong"]["missing"][0]
+    assert "policy.width" in rows["wrong"]["missing"][0]

@@ -111,7 +111,7 @@ def test_a_long_run_says_what_was_kept(tmp_path: Path) -> None:
 
 WHOLE = (
     'felt={torque="tip"}',
-    "shaping={price_per_n=2.0, gamma=0.9}",
+    "shaping={price_per_n=2.0, gamma=1.0}",
     'learner={kind="felt"}',
     'policy={kind="thompson"}',
 )
