@@ -48,6 +48,7 @@ class Rehearsal:
         start, noise = definition.start, definition.noise
         for name, spread in (
             *((f"start.{name}", getattr(start, name)) for name in SPREADS),
+            ("hole.tilt_spread_deg", definition.hole.tilt_spread_deg),
             *((f"noise.{name}", noise.scale * getattr(noise, name)) for name in _ERRORS),
         ):
             if spread != 0.0:

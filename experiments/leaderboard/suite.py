@@ -48,4 +48,4 @@ def moves_expected(definition: Definition) -> float:
 
 def change_of(definition: Definition) -> int | None:
     """Return the episode at which a task changes, None for one that stays as it is."""
-    return None
+    return definition.changes[0].episode if definition.changes else None

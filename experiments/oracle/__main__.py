@@ -39,7 +39,7 @@ FORCES_N = (0.2, 0.35, 0.5, 1.0)
 FILE = "oracle.json"
 LINE_EVERY_S = 15.0
 """How often a log hears of the search's progress."""
-_MATTERS = ("parts", "contact", "wrist", "noise", "start", "moves", "limits", "reward")
+_MATTERS = ("parts", "contact", "wrist", "noise", "start", "hole", "moves", "limits", "reward")
 """The parts of a definition that decide what is possible; the learner's own settings do not."""
 
 Entry = TypedDict(

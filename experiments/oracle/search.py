@@ -19,6 +19,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from experiments.lab.rehearsal import Attempt, Rehearsal
+from services.rules.hole import standing
 from services.sim.geometry import Geometry, clearance, geometry_of
 from services.sim.pose import Pose, axis, from_angles
 from services.sim.world import Reading, World
@@ -151,7 +152,8 @@ class _Beam:
     def _home(self) -> _Node:
         start = self._definition.start
         pose = Pose.from_tilt(start.x_mm, start.y_mm, -start.height_mm, start.rx_deg, start.ry_deg, start.rz_deg)
-        force_n = _magnitude(self._world.home(pose))
+        stands = standing(self._definition.hole, 0, 0)
+        force_n = _magnitude(self._world.home(pose if stands is None else Pose(*stands.in_hole(pose))))
         none = (0.0,) * len(AIMS)
         return _Node(None, INSERT, self._world.snapshot(), force_n, -start.height_mm, 0.0, 0.0, 0, none)
 

@@ -15,6 +15,7 @@ from services.rules.workspace import UPRIGHT, Matrix, Vector, rotation, turned
 from services.wire.actions import Increment
 from services.wire.cross_section import CrossSection
 from services.wire.definition import Definition
+from services.wire.definition_changes import phases
 from services.wire.messages import FtPacket, Home
 
 ASIDE_MM = 0.5
@@ -28,13 +29,18 @@ class Touch:
 
     def __init__(self, definition: Definition) -> None:
         parts, wrist, noise = definition.parts, definition.wrist, definition.noise
+        times = [settings for _, settings in phases(definition)]
         self._section = CrossSection(parts)
-        self._clearance_mm, self._chamfer_mm = parts.clearance_mm, parts.chamfer_mm
+        # What is in force when is not asked: the widest hole and the softest peg of the run.
+        self._clearance_mm = max(settings.parts.clearance_mm for settings in times)
+        self._chamfer_mm = max(settings.parts.chamfer_mm for settings in times)
+        self._lean = math.tan(math.radians(sum(definition.hole.most_deg)))
         self._edge = _edge(self._section)
         self._contact_n = definition.limits.contact_force_n
         # The tip gives way by the wrist's shift, by its turn about the sensor's point, and by the peg's own surface.
         soft = 1.0 / wrist.stiffness_n_per_mm + wrist.sensor_height_mm**2 / (1000.0 * wrist.stiffness_nm_per_rad)
-        soft += 1.0 / definition.contact.stiffness_n_per_mm if definition.contact.stiffness_n_per_mm else 0.0
+        surfaces = [settings.contact.stiffness_n_per_mm for settings in times]
+        soft += max(1.0 / stiffness if stiffness else 0.0 for stiffness in surfaces)
         self._felt_mm = 2.0 * self._contact_n * soft
         self._error_mm = _SURE * noise.scale * max(noise.along_mm, noise.across_mm)
         self._turn_error = _SURE * noise.scale * math.radians(noise.turn_deg) * parts.peg_height_mm
@@ -69,7 +75,9 @@ class Touch:
             return None
         errors_mm = (self._error_mm + self._turn_error) * math.sqrt(self._moves)
         inside_mm = self._inside_mm()
-        if inside_mm <= self._felt_mm + ASIDE_MM + errors_mm:
+        # A hole that is tilted about its mouth is elsewhere by the more, the farther from there the edge is.
+        elsewhere_mm = self._lean * (math.hypot(*self._position) + self._section.radius_mm)
+        if inside_mm <= self._felt_mm + ASIDE_MM + errors_mm + elsewhere_mm:
             return None
         expected = f"expected a touch of {self._contact_n:g} N at the latest {inside_mm:.2f} mm inside the material"
         return f"guard: sensor: {expected}, got none since home; does it feel? only home is taken"

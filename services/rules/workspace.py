@@ -29,7 +29,9 @@ class Workspace:
         motions = (*increments(moves), guidance(moves))
         shift_mm = max(math.hypot(*motion[:3]) for motion in motions)
         turn_deg = max(sum(map(abs, motion[3:])) for motion in motions) if moves.list else moves.rotation_deg
-        self._most_mm = limits.workspace_mm or limits.move_limit * shift_mm
+        self._centre_mm = moves.rotation_centre_mm
+        # A tip that swings about a point behind it is at most twice as far away as that point.
+        self._most_mm = limits.workspace_mm or limits.move_limit * shift_mm + 2.0 * self._centre_mm
         self._most_deg = limits.workspace_deg or min(180.0, limits.move_limit * turn_deg)
         self._deepest_mm = limits.deepest_mm or reach_mm(definition)
         self.begin(0.0)
@@ -68,7 +70,13 @@ class Workspace:
         position = (x + a, y + b, z + c)
         if increment[3:] == (0.0, 0.0, 0.0):
             return position, self._turn
-        return position, product(self._turn, rotation(*increment[3:]))
+        turn = product(self._turn, rotation(*increment[3:]))
+        if self._centre_mm:
+            # The tip swings about a point behind it: it is the axis, the last column, that says by how much.
+            swung = (self._centre_mm * (new[2] - old[2]) for new, old in zip(turn, self._turn, strict=True))
+            x, y, z = (at + by for at, by in zip(position, swung, strict=True))
+            position = (x, y, z)
+        return position, turn
 
 
 def turned(turn: Matrix, vector: Vector) -> Vector:

@@ -13,6 +13,7 @@ import math
 
 from services.rules.ft_counts import FtCounts
 from services.rules.guard import increment_of
+from services.rules.hole import standing
 from services.rules.motions import GuardError, Robot
 from services.sim.arm import Arm
 from services.sim.mount import Mount
@@ -20,6 +21,7 @@ from services.sim.pose import Pose
 from services.sim.world import Reading, World
 from services.wire.actions import Increment
 from services.wire.definition import Definition, Sensor
+from services.wire.definition_changes import at_episode
 from services.wire.messages import Force, FtPacket, Home, Move, Moved, Torque
 from services.wire.randomness import Draws, Role
 
@@ -34,7 +36,11 @@ class SimulatedCell:
     """Robot and sensor of one run."""
 
     def __init__(self, definition: Definition, run: str, seed: int, world: World | None = None) -> None:
+        """Build what the definition says; ``world``, if given, is the one of its first episode."""
         self.world = World(definition) if world is None else world
+        self._definition, self._seed = definition, seed
+        self._settings = at_episode(definition, 0)
+        """Those that the world was built with."""
         noise = definition.noise
         self._force_error_n, self._torque_error_nm = noise.scale * noise.force_n, noise.scale * noise.torque_nm
         self._counts = _counts(definition.sensor)
@@ -51,8 +57,13 @@ class SimulatedCell:
         Raises OtherRunError, and GuardError for a pose that no episode begins with or a sensor that is lost.
         """
         self._robot.home(home)
+        self._change_parts(home.episode)
         pose = Pose.from_tilt(home.x_mm, home.y_mm, home.z_mm, home.rx_deg, home.ry_deg, home.rz_deg)
-        reading = self.world.home(pose.moved(self._arm.executed(Increment(), home.episode, 0)))
+        executed = self._arm.executed(Increment(), home.episode, 0)
+        pose = pose.moved(executed, self._definition.moves.rotation_centre_mm)
+        stands = standing(self._definition.hole, self._seed, home.episode)
+        # The world is the hole's: where the hole is tilted, it is the arm that comes from another direction.
+        reading = self.world.home(pose if stands is None else Pose(*stands.in_hole(pose)))
         packet = self._felt(home.episode, 0, reading)
         # An episode that begins again has the numbers and times that it had before.
         self._robot.feel_anew()
@@ -77,6 +88,13 @@ class SimulatedCell:
         reading = self.world.move(self._arm.executed(increment, move.episode, move.step))
         packet = self._felt(move.episode, move.step, reading)
         return self._answer(self._robot.moved(move, increment, packet.t_ns), packet)
+
+    def _change_parts(self, episode: int) -> None:
+        """Build another world when the parts of this episode are others than those of the last one."""
+        settings = at_episode(self._definition, episode)
+        if (settings.parts, settings.contact) != (self._settings.parts, self._settings.contact):
+            self._settings = settings
+            self.world = type(self.world)(settings)
 
     def _answer(self, moved: Moved, packet: FtPacket) -> tuple[Moved, FtPacket]:
         """Return an answer, and refuse to answer with what no sensor can read."""

@@ -45,12 +45,16 @@ class Pose(NamedTuple):
         """Unit quaternion (w, x, y, z) that turns tool axes into hole axes."""
         return (self.qw, self.qx, self.qy, self.qz)
 
-    def moved(self, increment: Increment) -> Pose:
-        """The pose after one increment in this pose's own tool frame."""
+    def moved(self, increment: Increment, centre_mm: float = 0.0) -> Pose:
+        """The pose after one increment in this pose's own tool frame; it turns ``centre_mm`` behind the tip."""
         dx, dy, dz = rotate(self.orientation, increment[:3])
         if increment[3:] == (0.0, 0.0, 0.0):
             return Pose(self.x_mm + dx, self.y_mm + dy, self.z_mm + dz, *self[3:])
         turned = normalised(multiply(self.orientation, from_angles(*increment[3:])))
+        if centre_mm:
+            # The centre makes the shift, and the tip is as far before it as it was, along the axis as it is then.
+            before, after = axis(self.orientation), axis(turned)
+            dx, dy, dz = (d + centre_mm * (a - b) for d, a, b in zip((dx, dy, dz), after, before, strict=True))
         return Pose(self.x_mm + dx, self.y_mm + dy, self.z_mm + dz, *turned)
 
     def point(self, along_mm: float) -> Vector:

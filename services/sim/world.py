@@ -103,6 +103,7 @@ class World:
         ``_always_physics`` switches the shortcut through free space off, for tests of the shortcut.
         """
         self._geometry = geometry_of(definition.parts)
+        self._centre_mm = definition.moves.rotation_centre_mm
         self._anchor_mm = -definition.wrist.sensor_height_mm
         self._stiffness = definition.wrist.stiffness_n_per_mm * 1e3  # mN/mm
         self._stiffness_turn = definition.wrist.stiffness_nm_per_rad * 1e6  # uN m/rad
@@ -165,7 +166,7 @@ class World:
             RuntimeError: before the first ``home``.
         """
         require_finite("increment", increment)
-        return self._go(self.flange.moved(increment))
+        return self._go(self.flange.moved(increment, self._centre_mm))
 
     def _go(self, target: Pose) -> Reading:
         """Take the flange to ``target`` and read the sensor.

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from services.rules.hole import UPRIGHT, standing
 from services.viewer.decimate import Floats, Nanoseconds, distinct, extremes, spread
 from services.viewer.recent import History, Progress, Recent
 from services.wire.errors import BadPayloadError
@@ -44,6 +45,7 @@ LOG = "log"
 ABOUT = "about"
 PEG = "scene/peg"
 FLANGE = "scene/flange"
+HOLE = "scene/hole"
 
 
 @dataclass(frozen=True)
@@ -138,6 +140,8 @@ class Recorder:
         self._rewards: list[float] = []
         self._episodes: list[tuple[EpisodeSummary, Progress]] = []
         self._truth: Truth | None = None
+        self._tilted = False
+        """Whether a hole was ever shown tilted: it has to be put upright again then."""
         self._more = False
         """Whether anything came since the whole run was sent."""
         self._shown: tuple[str, int, str] | None = None
@@ -188,12 +192,26 @@ class Recorder:
         items: list[Item] = [*self._wrench_items(start_ns, end_ns), *self._decision_items(start_ns, end_ns)]
         items += self._episode_items(start_ns, end_ns)
         if self._truth is not None:
-            items.append(_placement(PEG, end_ns, self._truth.peg))
-            items.append(_placement(FLANGE, end_ns, self._truth.flange))
+            items += self._placements(self._truth, end_ns)
             self._truth = None
         if items:  # time moves on anyway; and old ones will be dropped for lack of memory
             self._more, self._shown = True, None
         return items
+
+    def _placements(self, truth: Truth, time_ns: int) -> list[Item]:
+        """Return where the bodies are, seen by a cell whose hole may be tilted."""
+        experiment, stands = self._experiment, None
+        if experiment is not None and experiment.run == truth.run:
+            stands = standing(experiment.definition.hole, experiment.seed, truth.episode)
+        self._tilted = self._tilted or stands is not None
+        if not self._tilted:
+            return [_placement(PEG, time_ns, truth.peg), _placement(FLANGE, time_ns, truth.flange)]
+        stands = stands or UPRIGHT
+        return [
+            _placement(HOLE, time_ns, (0.0, 0.0, 0.0, *stands.turn)),
+            _placement(PEG, time_ns, stands.in_cell(truth.peg)),
+            _placement(FLANGE, time_ns, stands.in_cell(truth.flange)),
+        ]
 
     def whole_run(self, time_ns: int) -> list[Item]:
         """Return the run so far: its name and its returns; nothing while nothing came since the last time.

@@ -61,7 +61,7 @@ class Stream:
         """Show the parts of an experiment, and call the recording after it."""
         self._recording.send_recording_name(name)
         hole, peg = shapes.hole_mesh(definition.parts), shapes.peg_mesh(definition.parts)
-        self._static("scene/hole", _mesh(hole, colours.GREY))
+        self._static(record.HOLE, _mesh(hole, colours.GREY))
         self._static(f"{record.PEG}/body", _mesh(peg, (*colours.SKY_BLUE, 170)))
         outline = shapes.peg_outline(definition.parts)
         self._static(f"{record.PEG}/outline", rr.LineStrips3D(outline, colors=colours.YELLOW, radii=0.12))

@@ -39,6 +39,7 @@ from services.wire.definition_learning import Shaping as Shaping
 from services.wire.definition_learning import Softmax as Softmax
 from services.wire.definition_learning import TdSettings as TdSettings
 from services.wire.definition_learning import Thompson as Thompson
+from services.wire.definition_world import Change, Hole
 from services.wire.message_base import LONGEST_EPISODE, LONGEST_RUN, MOST_ACTIONS
 
 
@@ -161,7 +162,7 @@ SPREADS = tuple(name for name in Start.__struct_fields__ if "_spread_" in name)
 
 
 class NamedMove(Checked, frozen=True, kw_only=True):
-    """One action: an increment in the tool frame; what turns, turns about the tip."""
+    """One action: an increment in the tool frame; what turns, turns about ``rotation_centre_mm``."""
 
     name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9+-][A-Za-z0-9+_-]{0,15}\Z")]
     """What it is called in tables, plots and answers."""
@@ -190,6 +191,8 @@ class Moves(Checked, frozen=True, kw_only=True):
     """Size of a move along +Z, the agent's and the guidance's alike."""
     rotation_deg: StepSize = 0.2
     """Size of a rotation."""
+    rotation_centre_mm: Annotated[float, Meta(ge=0, le=500)] = 0.0
+    """How far behind the tip the point is that rotations turn about: 0 for the tip, else the lever of a flange."""
     list: Annotated[tuple[NamedMove, ...], Meta(max_length=MOST_ACTIONS)] = ()
     """The actions one by one, in place of the numbered ones and their sizes; guidance steps by insertion_mm still."""
 
@@ -258,3 +261,6 @@ class Definition(Checked, frozen=True, kw_only=True):
     classifier: ClassifierSettings = Art2Settings()
     learner: LearnerSettings = QLearning()
     policy: Policy = Softmax()
+    hole: Hole = Hole()
+    changes: Annotated[tuple[Change, ...], Meta(max_length=8)] = ()
+    """What of the parts is another from some episode on (a worn tool), in the order of the episodes."""

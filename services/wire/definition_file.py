@@ -31,6 +31,9 @@ _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`", re.DOTALL)
 _MAX_FILE_BYTES = 65_536
 _LATER: Mapping[str, object] = {
     "limits.truncation": "terminal",
+    "changes": (),
+    "hole": {"rx_deg": 0.0, "ry_deg": 0.0, "tilt_spread_deg": 0.0},
+    "moves.rotation_centre_mm": 0.0,
     "parts.peg_breadth_mm": 0.0,
     "start.x_spread_mm": 0.0,
     "start.y_spread_mm": 0.0,
@@ -269,6 +272,7 @@ def _explain(error: str, fields: Mapping[str, object], places: Mapping[str, str]
 
 
 def _place(key: str, places: Mapping[str, str], source: str) -> str:
+    key = re.sub(r"\[[0-9]+\]", "", key)
     while key:
         if key in places:
             return places[key]

@@ -85,6 +85,8 @@ def _lines() -> Iterator[str]:
             yield from _table(kind)
             for name, item in _lists(kind):
                 yield from ("", f"## [[{table}.{name}]]", "", _doc(item), "", *_table(item))
+    for name, item in _lists(Definition):
+        yield from ("", f"## [[{name}]]", "", _doc(item), "", *_table(item))
 
 
 def _table(kind: type[Struct]) -> Iterator[str]:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import math
 
+from msgspec import ValidationError, convert, to_builtins
+
 from services.wire.actions import guidance, increments
 from services.wire.cross_section import Corner, CrossSection
 from services.wire.definition import Art2Settings, Definition, FeltModel, LearnerSettings, Moves, Plugin, Thompson
+from services.wire.definition_changes import phases
 from services.wire.force_bound import ForceBound
+from services.wire.text import in_words
 
 _ROUNDING = 1e-9
 _TURNS = 4
@@ -100,7 +104,24 @@ def contradiction(definition: Definition) -> tuple[str, str] | None:
             f"expected 0 for a rigid peg or at least {_SOFTEST_N_PER_MM}, got {stiffness}",
         ),
     )
-    return next(((key, complaint) for holds, key, complaint in rules if not holds), None) or obstruction(definition)
+    broken = next(((key, complaint) for holds, key, complaint in rules if not holds), None)
+    return broken or obstruction(definition) or _bad_change(definition)
+
+
+def _bad_change(definition: Definition) -> tuple[str, str] | None:
+    """Return why a definition cannot change as it says, None when it can: each phase is a definition of its own."""
+    episodes = [change.episode for change in definition.changes]
+    if episodes != sorted(episodes):
+        return "changes", f"expected the order of the episodes, got {episodes}"
+    for first, settings in list(phases(definition))[1:]:
+        try:
+            convert(to_builtins(settings), Definition)
+        except ValidationError as error:
+            what, _, key = in_words(str(error)).partition(" - at `$.")
+            return "changes", f"in episode {first}: {key.rstrip('`')}: {what[0].lower()}{what[1:]}"
+        if conflict := contradiction(settings):
+            return "changes", f"in episode {first}: {conflict[0]}: {conflict[1]}"
+    return None
 
 
 def _moves_rules(moves: Moves) -> tuple[tuple[bool, str, str], ...]:
@@ -131,14 +152,18 @@ def discount_of(learner: LearnerSettings) -> float | None:
 def _dip_mm(definition: Definition) -> float:
     """Return how far the edge of the most tilted tip that an episode may start with is below the tip's centre."""
     parts, start = definition.parts, definition.start
-    _, _, rx_spread_deg, ry_spread_deg, _ = start.spreads
-    rx = math.radians(abs(start.rx_deg) + rx_spread_deg)
-    ry = math.radians(abs(start.ry_deg) + ry_spread_deg)
+    x_spread_mm, y_spread_mm, rx_spread_deg, ry_spread_deg, _ = start.spreads
+    tilt_x, tilt_y = map(math.radians, definition.hole.most_deg)
+    rx = math.radians(abs(start.rx_deg) + rx_spread_deg) + tilt_x
+    ry = math.radians(abs(start.ry_deg) + ry_spread_deg) + tilt_y
+    # The flat face of a tilted hole rises on one side, and the centre of the tip is nearer to it.
+    rise_mm = (abs(start.x_mm) + x_spread_mm) * math.sin(tilt_y) + (abs(start.y_mm) + y_spread_mm) * math.sin(tilt_x)
+    rise_mm += start.height_mm * (1.0 - math.cos(tilt_x) * math.cos(tilt_y))
     slope_x, slope_y = math.sin(ry), math.cos(ry) * math.sin(rx)
     section = CrossSection(parts)
     if section.is_round:
-        return section.radius_mm * math.hypot(slope_x, slope_y)
-    return max(slope_x * abs(x_mm) + slope_y * abs(y_mm) for x_mm, y_mm in section.corners)
+        return rise_mm + section.radius_mm * math.hypot(slope_x, slope_y)
+    return rise_mm + max(slope_x * abs(x_mm) + slope_y * abs(y_mm) for x_mm, y_mm in section.corners)
 
 
 def _aside_mm(definition: Definition) -> float:
@@ -146,6 +171,8 @@ def _aside_mm(definition: Definition) -> float:
     parts, start = definition.parts, definition.start
     x_spread_mm, y_spread_mm, _, _, rz_spread_deg = start.spreads
     x_mm, y_mm = abs(start.x_mm) + x_spread_mm, abs(start.y_mm) + y_spread_mm
+    tilt_x, tilt_y = map(math.radians, definition.hole.most_deg)
+    x_mm, y_mm = x_mm + start.height_mm * math.sin(tilt_y), y_mm + start.height_mm * math.sin(tilt_x)
     section = CrossSection(parts)
     if section.is_round:
         return math.hypot(x_mm, y_mm)

@@ -1,9 +1,10 @@
 """The most that one motion can add to the force felt, by the model of wrist, arm and sensor.
 
-The wrist is a spring: k for shifts of its centre, c for turns, and it gives way where the sensor sits, ``lever`` behind
-the tip, so that a rotation about the tip by an angle a shifts it by lever times a. Whatever the surroundings do to a
-peg that settles, they take energy out of the spring; only the arm puts some in. Measured as sqrt(2 energy), the load
-therefore grows by no more than the arm's own motion, sqrt(k shift^2 + c turn^2), and the force by sqrt(k) times that.
+The wrist is a spring: k for shifts of its centre, c for turns, and it gives way where the sensor sits, ``lever`` away
+from the point that rotations turn about, so that one by an angle a shifts it by lever times a. Whatever the
+surroundings do to a peg that settles, they take energy out of the spring; only the arm puts some in. Measured as
+sqrt(2 energy), the load therefore grows by no more than the arm's own motion, sqrt(k shift^2 + c turn^2), and the force
+by sqrt(k) times that.
 
 Not covered is the load that was there as a turn and becomes force when a jammed peg slips or swings. ``SETTLING_N`` is
 an allowance for that; docs/decisions/0011 has what was measured.
@@ -29,7 +30,7 @@ class ForceBound:
         wrist, noise = definition.wrist, definition.noise
         self._per_mm = wrist.stiffness_n_per_mm
         self._per_rad = math.sqrt(1000.0 * wrist.stiffness_n_per_mm * wrist.stiffness_nm_per_rad)
-        self._lever_mm = wrist.sensor_height_mm
+        self._lever_mm = abs(wrist.sensor_height_mm - definition.moves.rotation_centre_mm)
         shift_mm = max(noise.along_mm, noise.across_mm)
         turn = math.radians(noise.turn_deg)
         arm_n = math.hypot(self._per_mm * (shift_mm + self._lever_mm * turn), self._per_rad * turn)

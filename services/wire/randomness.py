@@ -18,6 +18,7 @@ class Role(IntEnum):
     POLICY = 3
     ARM_ERROR = 4
     SENSOR_MOUNT = 5
+    HOLE_TILT = 6
 
 
 class Draws:

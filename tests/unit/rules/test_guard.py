@@ -194,6 +194,19 @@ def test_a_way_that_cancels_out_component_by_component_still_leads_away() -> Non
     assert refused.startswith("guard: workspace: expected at most 2 mm from the start")
 
 
+def test_turning_about_the_flange_takes_the_tip_along() -> None:
+    """0.3 degrees about a point 130 mm behind the tip are 0.681 mm: the second would lead beyond 1 mm."""
+    limits = replace(SETTINGS.limits, workspace_mm=1.0)
+    guard = homed(replace(SETTINGS, moves=replace(MOVES, rotation_centre_mm=130.0), limits=limits))
+    assert go(guard, rx_deg=0.3) is None
+    assert go(guard, rx_deg=0.3) == "guard: workspace: expected at most 1 mm from the start, got 1.361"
+    assert go(guard, rz_deg=0.3) is None
+    # In the tool's frame of now: forth and back along Y, which the turn has hardly moved.
+    for _ in range(3):
+        assert go(guard, dy_mm=-0.1) is None
+    assert go(guard, dy_mm=-0.1) is not None
+
+
 def test_what_was_really_applied_counts() -> None:
     guard = homed(replace(SETTINGS, limits=replace(SETTINGS.limits, workspace_mm=1.0)))
     for _ in range(9):
@@ -289,6 +302,11 @@ def test_the_bound_is_that_of_the_spring_at_the_sensor() -> None:
     # 0.5 degrees shift the sensor by 0.873 mm and turn a spring of sqrt(10 N/mm * 40 000 N mm) = 632 N per radian.
     assert bound.added_n(Increment(rx_deg=0.5)) - still == pytest.approx(math.hypot(8.7266, 5.5192), rel=1e-4)
     assert bound.added_n(Increment(rz_deg=0.5)) - still == pytest.approx(5.5192, rel=1e-4)
+    # About the sensor's own point, or one as far behind it as the tip is before it.
+    for centre_mm, shift_n in ((100.0, 0.0), (200.0, 8.7266)):
+        about = Definition(name="guarded", wrist=wrist, moves=Moves(rotation_centre_mm=centre_mm))
+        added = ForceBound(about).added_n(Increment(rx_deg=0.5)) - still
+        assert added == pytest.approx(math.hypot(shift_n, 5.5192), rel=1e-4)
 
 
 def test_errors_of_arm_and_sensor_make_the_bound_wider() -> None:

@@ -27,6 +27,7 @@ from services.rules.results import (
 )
 from services.wire import codec, definition_file
 from services.wire.definition import Definition, EpsilonAnnealed, ForceChangeReward, Policy, Reward
+from services.wire.definition_world import Change
 from services.wire.messages import EpisodeSummary, Outcome
 
 DEFINITION = Definition(name="by-hand")
@@ -270,7 +271,8 @@ def test_definition_survives_toml(
     tmp_path_factory: pytest.TempPathFactory, title: str, alpha: float, policy: Policy, reward: Reward
 ) -> None:
     learner = msgspec.structs.replace(DEFINITION.learner, alpha=alpha)
-    definition = Definition(name="by-hand", title=title, learner=learner, policy=policy, reward=reward)
+    changes = tuple(Change(episode=7, key="contact.friction", value=alpha) for _ in range(8))
+    definition = Definition(name="by-hand", title=title, learner=learner, policy=policy, reward=reward, changes=changes)
     path = tmp_path_factory.mktemp("toml") / "definition.toml"
     path.write_bytes(result_files.definition_toml(definition).encode())
     assert definition_file.load(str(path)) == definition

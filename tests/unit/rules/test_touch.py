@@ -12,6 +12,7 @@ from services.task.insertion import Insertion
 from services.wire.actions import Increment
 from services.wire.definition import Definition, Noise, Parts, Start
 from services.wire.definition_file import load, shipped
+from services.wire.definition_world import Change, Hole
 from services.wire.messages import FtPacket, Move
 
 DOWN = Increment(dz_mm=0.2)
@@ -56,6 +57,23 @@ def test_a_wide_hole_lets_everything_in() -> None:
     assert depth_mm(replace(EXACT, parts=Parts(clearance_mm=4.0))) is None
 
 
+@pytest.mark.parametrize("shape", [Parts(shape="triangle"), Parts(shape="rectangle", peg_breadth_mm=14.0)])
+def test_it_knows_every_shape(shape: Parts) -> None:
+    deep_mm = depth_mm(replace(EXACT, parts=shape))
+    assert deep_mm is not None
+    assert deep_mm < 4.5
+
+
+def test_a_hole_that_may_be_tilted_or_become_wider_explains_more() -> None:
+    upright = depth_mm(EXACT)
+    tilted = depth_mm(replace(EXACT, hole=Hole(tilt_spread_deg=1.0)))
+    assert upright is not None
+    assert tilted is not None
+    assert upright < tilted
+    wider = (Change(episode=9, key="parts.clearance_mm", value=4.0),)
+    assert depth_mm(replace(EXACT, changes=wider)) is None
+
+
 def test_more_errors_of_the_arm_explain_more() -> None:
     exact = depth_mm(EXACT)
     loose = depth_mm(replace(EXACT, noise=Noise(along_mm=0.01, across_mm=0.01)))
@@ -90,6 +108,10 @@ def test_a_robot_with_a_sensor_that_shows_nothing_stops_and_says_why() -> None:
         ("parts.chamfer_mm=0", "limits.contact_force_n=2"),
         ("parts.shape=square", "start.rz_deg=3", "noise.scale=0"),
         ("start.rx_deg=10", "start.height_mm=4", "noise.scale=0"),
+        ("parts.shape=triangle", "noise.scale=0"),
+        ("parts.shape=rectangle", "parts.peg_breadth_mm=12.4", "start.rz_deg=3", "noise.scale=0"),
+        ("hole.rx_deg=-6", "hole.ry_deg=3", "start.height_mm=3", "noise.scale=0"),
+        ("changes=[{episode=1, key='parts.clearance_mm', value=2.5}]", "noise.scale=0"),
     ],
 )
 def test_an_honest_simulation_is_never_accused(overrides: tuple[str, ...]) -> None:

@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from experiments.lab.remembered_world import RememberedWorld
 from services.rules.motions import GuardError, OtherRunError, OutOfOrderError
 from services.sim.cell import MOTION_NS, SimulatedCell
+from services.sim.pose import Pose
 from services.sim.world import Reading, World
 from services.wire.actions import Increment, increments
 from services.wire.codec import encode
-from services.wire.definition import Definition, Limits, Moves, Noise, Parts, Sensor, Start
+from services.wire.definition import Contact, Definition, Limits, Moves, Noise, Parts, Sensor, Start
 from services.wire.definition_file import load
+from services.wire.definition_world import Change, Hole
 from services.wire.errors import RefusedError
 from services.wire.messages import FtPacket, Home, Move, Moved
 from services.wire.randomness import Role, generator
@@ -385,3 +388,65 @@ def test_a_saturated_sensor_says_so_and_nothing_moves_on() -> None:
     cell.home(home())
     with pytest.raises(GuardError, match="saturated"):
         cell.move(down(1))
+
+
+# -- a hole that is tilted, parts that change ----------------------------------------------------------------------
+
+
+def test_a_tilted_hole_is_a_start_that_is_tilted_the_other_way() -> None:
+    """What is felt in a hole tilted by 2 degrees about X is what is felt in an upright one from the turned start."""
+    tilt = math.radians(2.0)
+    straight = replace(FREE, start=Start(x_mm=0.3, y_mm=4.0, height_mm=0.5, rx_deg=1.0, ry_deg=0.0))
+    tilted = cell(replace(straight, hole=Hole(rx_deg=2.0)))
+    upright = World(straight)
+    tilted.home(home(settings=straight))
+    y = 4.0 * math.cos(tilt) - 0.5 * math.sin(tilt)
+    z = -4.0 * math.sin(tilt) - 0.5 * math.cos(tilt)
+    upright.home(Pose.from_tilt(0.3, y, z, -1.0, 0.0, 0.0))
+    felt = []
+    for step in range(1, 7):
+        packet, reading = tilted.move(down(step))[1], upright.move(Increment(dz_mm=0.2))
+        assert packet.force_n[-1] == pytest.approx(reading.force_n, abs=0.03)
+        felt.append(math.hypot(*reading.force_n))
+    assert max(felt) > 1.0
+
+
+def test_a_cell_turns_about_the_centre_that_the_definition_says() -> None:
+    robot = cell(replace(FREE, moves=Moves(rotation_centre_mm=130.0)))
+    robot.home(home(settings=FREE))
+    before = robot.world.flange
+    robot.move(Move(run=RUN, episode=0, step=1, rx_deg=0.2))
+    assert robot.world.flange.point(-130.0) == pytest.approx(before.point(-130.0))
+    assert math.dist(robot.world.flange.position, before.position) == pytest.approx(0.4538, abs=1e-3)
+
+
+WEARING = replace(
+    SETTINGS,
+    changes=(
+        Change(episode=2, key="contact.friction", value=0.0),
+        Change(episode=2, key="parts.chamfer_mm", value=2.0),
+        Change(episode=4, key="contact.friction", value=0.8),
+    ),
+)
+
+
+def test_parts_change_at_the_beginning_of_an_episode() -> None:
+    robot = cell(WEARING)
+    for episode, (friction, chamfer) in enumerate([(0.3, 0.0)] * 2 + [(0.0, 2.0)] * 2 + [(0.8, 2.0)] * 2):
+        plain = replace(SETTINGS, contact=Contact(friction=friction), parts=replace(SETTINGS.parts, chamfer_mm=chamfer))
+        assert made(robot, 7, episode) == made(cell(plain), 7, episode)
+
+
+def test_changed_parts_are_a_function_of_the_episode_alone() -> None:
+    """A simulator that begins in the middle of a run, or goes back, feels what the one from the beginning feels."""
+    through = cell(WEARING)
+    whole = [made(through, 8, episode) for episode in range(5)]
+    for episode in (4, 1, 3, 0, 2):
+        assert made(cell(WEARING), 8, episode) == whole[episode]
+        assert made(through, 8, episode) == whole[episode]
+
+
+def test_a_world_that_remembers_forgets_other_parts() -> None:
+    remembering, plain = SimulatedCell(WEARING, RUN, 0, RememberedWorld(WEARING)), cell(WEARING)
+    for episode in (0, 1, 2, 2, 4, 0):
+        assert made(remembering, 8, episode) == made(plain, 8, episode)

@@ -55,6 +55,22 @@ def test_a_rotation_leaves_the_tip_where_it_was(pose: Pose, rx: float, ry: float
     assert pose.moved(Increment(rx_deg=rx, ry_deg=ry, rz_deg=rz)).position == pose.position
 
 
+def test_a_rotation_about_a_point_behind_the_tip_swings_it() -> None:
+    """With a lever of 130 mm 0.2 degrees are 0.454 mm; about X the tip goes to -Y, about Y to +X."""
+    swing = 130.0 * math.sin(math.radians(0.2))
+    assert swing == pytest.approx(0.454, abs=1e-3)
+    about_x = Pose(1.0, 2.0, 3.0).moved(Increment(rx_deg=0.2), 130.0)
+    assert about_x.position == pytest.approx((1.0, 2.0 - swing, 3.0 - 130.0 * (1.0 - math.cos(math.radians(0.2)))))
+    assert Pose(1.0, 2.0, 3.0).moved(Increment(ry_deg=0.2), 130.0).x_mm == pytest.approx(1.0 + swing)
+
+
+@given(poses, angles, angles, angles)
+def test_the_centre_of_a_rotation_stays_where_it_was(pose: Pose, rx: float, ry: float, rz: float) -> None:
+    turned = pose.moved(Increment(rx_deg=rx, ry_deg=ry, rz_deg=rz), 90.0)
+    assert turned.point(-90.0) == pytest.approx(pose.point(-90.0), abs=1e-9)
+    assert turned.orientation == pose.moved(Increment(rx_deg=rx, ry_deg=ry, rz_deg=rz)).orientation
+
+
 @given(poses, st.sampled_from(["rx_deg", "ry_deg", "rz_deg"]))
 def test_a_rotation_and_its_opposite_cancel(pose: Pose, name: str) -> None:
     back = pose.moved(Increment(**{name: 0.2})).moved(Increment(**{name: -0.2}))

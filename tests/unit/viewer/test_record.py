@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from services.rules.hole import standing
 from services.viewer import record
 from services.viewer.record import About, Bars, Item, Lines, Placement, Recorder, Series
 from services.wire.definition import Definition, Limits
+from services.wire.definition_world import Hole
 from services.wire.errors import BadPayloadError
 from services.wire.messages import (
     Action,
@@ -253,3 +255,32 @@ def test_a_run_of_any_length_fits_into_bounded_bars_of_equal_width() -> None:
     assert (bars.time_ns, bars.width, len(bars.values)) == (3, 4, 250)
     assert bars.firsts.tolist() == list(range(0, 1000, 4))
     assert bars.values == pytest.approx(returns.reshape(250, 4).mean(axis=1))
+
+
+def test_a_tilted_hole_is_shown_tilted_and_a_straight_peg_straight() -> None:
+    recorder, upright = Recorder(), (0.5, 0.0, -2.0, 1.0, 0.0, 0.0, 0.0)
+    leaning = structs.replace(
+        experiment(), definition=Definition(name="x", hole=Hole(rx_deg=10.0, tilt_spread_deg=2.0))
+    )
+    recorder.experiment(leaning)
+    for episode in (0, 1):
+        stands = standing(leaning.definition.hole, 1, episode)
+        assert stands is not None
+        pose = stands.in_hole(upright)
+        recorder.truth(Truth(run="r1", episode=episode, step=1, flange=pose, peg=pose, contact=""))
+        hole, *bodies = [item for item in recorder.flush(0, 9) if isinstance(item, Placement)]
+        w, x, y, z = stands.turn
+        assert hole == Placement(record.HOLE, 9, (0.0, 0.0, 0.0), (x, y, z, w))
+        assert [body.entity for body in bodies] == [record.PEG, record.FLANGE]
+        for body in bodies:
+            assert body.translation == pytest.approx((0.5, 0.0, -2.0))
+            assert body.quaternion == pytest.approx((0.0, 0.0, 0.0, 1.0))
+
+
+def test_after_a_tilted_hole_an_upright_one_is_put_upright() -> None:
+    recorder, pose = Recorder(), (0.5, 0.0, -2.0, 1.0, 0.0, 0.0, 0.0)
+    for run, hole in (("r1", Hole(rx_deg=10.0)), ("r2", Hole())):
+        recorder.experiment(structs.replace(experiment(run), definition=Definition(name="x", hole=hole)))
+        recorder.truth(Truth(run=run, episode=0, step=1, flange=pose, peg=pose, contact=""))
+        shown = {item.entity: item for item in recorder.flush(0, 9) if isinstance(item, Placement)}[record.HOLE]
+        assert (shown.quaternion == (0.0, 0.0, 0.0, 1.0)) is (run == "r2")

@@ -217,6 +217,32 @@ WRONG = [
         "start.height_mm: expected more than 0.439, or the tilted tip starts inside the material, got 0.3",
     ),
     (
+        'name = "mine"\n[start]\nheight_mm = 1.0\n[hole]\nrx_deg = 8.0\n',
+        3,
+        "start.height_mm: expected more than 2.428, or the tilted tip starts inside the material, got 1.0",
+    ),
+    (
+        'name = "mine"\n[[changes]]\nepisode = 5\nkey = "contact.friction"\nvalue = 3.0\n',
+        2,
+        "changes: in episode 5: contact.friction: expected `float` <= 2.0",
+    ),
+    (
+        'name = "mine"\n[[changes]]\nepisode = 5\nkey = "parts.shape"\nvalue = 3.0\n',
+        4,
+        "changes[0].key: expected one of 'contact.friction', 'contact.stiffness_n_per_mm', 'parts.clearance_mm'",
+    ),
+    (
+        'name = "mine"\n[[changes]]\nepisode = 5\nkey = "contact.stiffness_n_per_mm"\nvalue = 0.5\n',
+        2,
+        "changes: in episode 5: contact.stiffness_n_per_mm: expected 0 for a rigid peg or at least 1.0, got 0.5",
+    ),
+    (
+        'name = "mine"\nchanges = [{episode = 5, key = "contact.friction", value = 0.1}, '
+        '{episode = 4, key = "contact.friction", value = 0.1}]\n',
+        2,
+        "changes: expected the order of the episodes, got [5, 4]",
+    ),
+    (
         'name = "mine"\n[wrist]\nsensor_rx_deg = 3.0\nsensor_mount = "unknown"\n',
         4,
         "wrist.sensor_mount: expected 'given' with angles of the sensor, got 'unknown' and (3.0, 0.0, 0.0)",
