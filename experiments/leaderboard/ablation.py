@@ -9,6 +9,7 @@ TASKS = ("suite-round", "suite-square", "suite-noisy", "suite-stiff-wrist", "sui
 _, Q_LEARNING, SOFTMAX = TABLE
 PARTS = (
     Method("torque as read", "torques refer to the sensor, not to where the definition says", "learn", plain=("felt",)),
+    Method("torque at the tip", "torques refer to the tip", "learn", ('felt={torque="tip"}',)),
     Method("no price of force", "rewards of the moves alone", "learn", plain=("shaping",)),
     Method(
         "no model",
@@ -16,11 +17,9 @@ PARTS = (
         "learn",
         (Q_LEARNING, SOFTMAX, "shaping.gamma=0.95"),
     ),
+    Method("no table", "nothing but the model of what a move earns at once", "learn", ("learner.follow=0.0",)),
     Method(
-        "no table",
-        "nothing but the model of what a move earns at once",
-        "learn",
-        ("learner.alpha=1e-9", "learner.alpha_least=1e-9"),
+        "all that follows", "the table counts on all of what is thought to follow", "learn", ("learner.follow=1.0",)
     ),
     Method("no drawing", "always the best move known", "learn", ('policy={kind="greedy"}',)),
     Method(

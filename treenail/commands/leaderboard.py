@@ -95,7 +95,7 @@ def _parser() -> Parser:
         action="append",
         default=[],
         metavar=("NAME", "KEY=VALUE"),
-        help="and the task's learner with other settings, such as `--variant bold policy.beta=8.0`; may be repeated",
+        help="and the task's learner with other settings, such as `--variant bold policy.width=2.0`; may be repeated",
     )
     parser.add_argument("--seeds", type=_seeds, metavar="A..B,C", help="such as 100..109, the default")
     parser.add_argument("--episodes", type=whole(), metavar="N", help="of who learns (default: 300)")
