@@ -13,7 +13,6 @@ import time
 
 from services.bus.answers import Asked, Request
 from services.bus.service import Options, Service
-from services.robot_link.arrival import SensorClock
 from services.robot_link.channel import Channel
 from services.robot_link.errors import BusyError, LinkError
 from services.robot_link.link import Link
@@ -22,6 +21,7 @@ from services.robot_link.settings import Settings
 from services.robot_link.val2.dialects import DIALECTS
 from services.robot_link.val2.motion import Arm, Script
 from services.robot_link.val2.terminal import Terminal
+from services.rules.arrival import SensorClock
 from services.rules.guard import increment_of
 from services.rules.hold import Hold
 from services.rules.motions import DeadSensorError, Robot

@@ -8,6 +8,7 @@ from dataclasses import Field, field, fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 from services.rules.command_line import number, range_of, whole
+from services.wire.errors import TreenailError
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -15,6 +16,10 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 S = TypeVar("S", bound="DataclassInstance")
 _KEY = "setting"
+
+
+class SettingError(TreenailError):
+    """A setting of a driver that cannot be used."""
 
 
 class _Setting(NamedTuple):

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 from services.bus import command
-from services.sensor_jr3.card import SettingError
+from services.rules.settings import SettingError
 from services.wire.text import one_line
 
 SOURCE = Path(__file__).with_name("port.c")

@@ -15,11 +15,8 @@ from __future__ import annotations
 
 from typing import NamedTuple, Protocol
 
+from services.rules.settings import SettingError
 from services.wire.errors import TreenailError
-
-
-class SettingError(TreenailError):
-    """A setting of the sensor that cannot be used."""
 
 
 class UrlError(SettingError):

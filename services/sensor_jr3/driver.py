@@ -11,18 +11,9 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 from services.rules.ft_counts import AXES, LEAST_COUNTS, UNITS, CountsError, FtCounts
-from services.rules.settings import check, setting
+from services.rules.settings import SettingError, check, setting
 from services.sensor_jr3 import memory_map as jr3
-from services.sensor_jr3.card import (
-    ChangedError,
-    CommandError,
-    Memory,
-    NoCardError,
-    NoSensorError,
-    SettingError,
-    hexadecimal,
-    signed,
-)
+from services.sensor_jr3.card import ChangedError, CommandError, Memory, NoCardError, NoSensorError, hexadecimal, signed
 from services.sensor_jr3.status import USELESS, troubles
 from services.sensor_jr3.transform import Link, words
 from services.wire.errors import TreenailError

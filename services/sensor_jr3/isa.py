@@ -9,10 +9,11 @@ import ctypes
 import os
 from pathlib import Path
 
+from services.rules.settings import SettingError
 from services.sensor_jr3 import memory_map as jr3
 from services.sensor_jr3 import words
 from services.sensor_jr3.build_port import COMMAND, LIBRARY, check_machine
-from services.sensor_jr3.card import Collected, LinkError, SettingError
+from services.sensor_jr3.card import Collected, LinkError
 from services.sensor_jr3.words import SAMPLE_WORDS
 
 MOST_BASE = 0x3FC

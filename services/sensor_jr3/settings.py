@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from dataclasses import dataclass, field
 
-from services.rules.settings import add_settings, check, setting, settings_of
-from services.sensor_jr3 import mount, transform, transports
-from services.sensor_jr3.card import SettingError
+from services.rules import mount
+from services.rules.mount import Mount
+from services.rules.settings import SettingError, add_settings, check, setting, settings_of
+from services.sensor_jr3 import transform, transports
 from services.sensor_jr3.driver import Setup
-from services.sensor_jr3.mount import Mount
 from services.sensor_jr3.stream import pace_of
 
 

@@ -6,9 +6,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from services.rules.ft_counts import FtCounts
+from services.rules.mount import Mount
+from services.rules.settings import SettingError
 from services.sensor_jr3 import memory_map as jr3
-from services.sensor_jr3.card import Collected, Sample, SettingError
-from services.sensor_jr3.mount import Mount
+from services.sensor_jr3.card import Collected, Sample
 from services.sensor_jr3.status import status_of
 from services.wire.messages import Force, FtPacket, Torque
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import NamedTuple
 
-from services.sensor_jr3.card import SettingError
+from services.rules.settings import SettingError
 from services.sensor_jr3.memory_map import END, HALF_TURN, MOST_LINKS, NEGATE, RX, RZ, TX, TZ
 
 _NAMES = {"TX": 1, "TY": 2, "TZ": 3, "RX": 4, "RY": 5, "RZ": 6, "NEG": NEGATE}

@@ -9,13 +9,14 @@ import zenoh
 from services.bus import command
 from services.bus.session import open_client
 from services.bus.stop_flag import StopFlag
+from services.bus.world import World
 from services.robot_link.emulator import poses
 from services.robot_link.emulator.arm import Arm, IdealArm
 from services.robot_link.emulator.controller import Behaviour, Controller
 from services.robot_link.emulator.poses import CONVENTIONS, Frame
 from services.robot_link.emulator.server import Server, Text
 from services.robot_link.emulator.supervisory import SupervisoryController
-from services.robot_link.emulator.world_arm import World, WorldArm
+from services.robot_link.emulator.world_arm import WorldArm
 from services.rules.command_line import Parser, address, number, whole
 from services.wire.keys import Keys
 

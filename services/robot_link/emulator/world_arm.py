@@ -1,142 +1,15 @@
-"""An emulated arm whose peg meets a simulated hole: its motions are made by a simulator in a cell of its own.
-
-What a controller is told is where to go, not which episode and step of a run that is; so it is worked out:
-
-    to the start location      the arm is free, and its next step goes from there to the start pose: ``home``
-    a step after ``home``      the next ``move``, with the numbers on the grid of ``poses.increment_of``
-    a step back, or elsewhere  the arm leaves the simulated world until it comes by the start location again
-
-Where EPISODE and STEP are assigned on the controller they count; otherwise episodes are numbered as they come. A
-simulator with noise draws it by these numbers, so that only runs that tell them are the same as those without a line.
-
-The simulator learns what to simulate from its own cell's task, and there is none: the question is passed on to the cell
-that the run is in. A simulator that was started anew gets the episode's motions again.
-"""
+"""An emulated arm whose peg meets a simulated hole: its motions are made by a simulator in a cell of its own."""
 
 from __future__ import annotations
 
-import threading
-from collections import deque
-from collections.abc import Callable, Mapping
-from typing import TypeAlias
+from collections.abc import Mapping
 
 import numpy as np
-import zenoh
-from zenoh.handlers import Callback
 
-from services.bus.answers import Asked, answer_in, to_first
+from services.bus.world import Peg, World, WorldFault
 from services.robot_link.emulator.arm import ArmFault
-from services.robot_link.emulator.poses import GRID, Frame, increment_of
-from services.wire.codec import decode, encode, encoding_of
-from services.wire.errors import NoAnswerError, TreenailError
-from services.wire.keys import EXPERIMENT, FT, HOME, MOVE, Keys
-from services.wire.messages import Experiment, FtPacket, Home, Message, Move, Moved, Refusal
-
-SHOWN, FELT = "jr3/shown", "jr3/felt"
-_ANSWER_S = 2.0
-_TRIES = 5
-_OnSample: TypeAlias = "Callback[zenoh.Sample]"
-_OnQuery: TypeAlias = "Callback[zenoh.Query]"
-
-
-class World:
-    """A simulator in another cell, asked over Zenoh."""
-
-    def __init__(self, session: zenoh.Session, cell: Keys, world: Keys, sensor_s: float) -> None:
-        """``cell`` has the run, ``world`` the simulator; an emulated sensor has ``sensor_s`` to show a motion."""
-        self._session, self._cell, self._world, self._sensor_s = session, cell, world, sensor_s
-        self._felt: deque[FtPacket] = deque(maxlen=64)
-        self._came = threading.Condition()
-        key = world.of(EXPERIMENT)
-        on_ft: _OnSample = Callback(self._on_ft, indirect=False)
-        on_query: _OnQuery = Callback(lambda query: self._pass_on(Asked(query, key, ())), indirect=False)
-        on_felt: _OnQuery = Callback(self._on_felt, indirect=False)
-        self._declared = (
-            session.declare_subscriber(world.of(FT), on_ft),
-            session.declare_queryable(key, on_query),
-            session.declare_queryable(world.of(FELT), on_felt),
-        )
-
-    def run(self) -> str:
-        """Return the run that the cell's task is in. Raises ArmFault."""
-        answer = self._ask(self._cell.of(EXPERIMENT), Experiment, None)
-        if not isinstance(answer, Experiment):
-            raise ArmFault("No experiment runs")
-        return answer.run
-
-    def make(self, motion: Home | Move) -> Moved | Refusal:
-        """Have a motion made, and wait until the sensor shows it. Raises ArmFault."""
-        name = HOME if isinstance(motion, Home) else MOVE
-        for _ in range(_TRIES):
-            answer = self._ask(self._world.of(name), Moved, motion)
-            if isinstance(answer, Moved):
-                if self._sensor_s > 0.0:
-                    self._wait_shown(answer)
-                return answer
-            if isinstance(answer, Refusal):
-                return answer
-        raise ArmFault("Servo does not answer")
-
-    def _wait_shown(self, moved: Moved) -> None:
-        def sequence() -> int | None:
-            return next((packet.sequence for packet in reversed(self._felt) if packet.t_ns == moved.arrived_t_ns), None)
-
-        with self._came:
-            self._came.wait_for(lambda: sequence() is not None, self._sensor_s)
-            number = sequence()
-        if number is not None:
-            key = f"{self._world.of(SHOWN)}?sequence={number}"
-            if isinstance(self._ask(key, FtPacket, None, self._sensor_s), FtPacket):
-                return
-        raise ArmFault("Sensor does not show the motion")
-
-    def _ask(
-        self, key: str, kind: type[Message], message: Message | None, timeout_s: float = _ANSWER_S
-    ) -> Message | None:
-        payload = None if message is None else encode(message)
-        encoding = None if message is None else encoding_of(type(message))
-        for reply in self._session.get(key, payload=payload, encoding=encoding, timeout=timeout_s):
-            try:
-                answer = answer_in(reply, kind)
-            except TreenailError:
-                continue
-            if answer is not None:
-                return answer
-        return None
-
-    def _on_ft(self, sample: zenoh.Sample) -> None:
-        try:
-            packet = decode(FtPacket, sample.payload.to_bytes(), str(sample.encoding))
-        except TreenailError:
-            return  # the sensor complains of it
-        with self._came:
-            self._felt.append(packet)
-            self._came.notify_all()
-
-    def _on_felt(self, query: zenoh.Query) -> None:
-        """Tell an emulated sensor that has just been started what there is to be felt."""
-        with self._came:
-            newest = self._felt[-1] if self._felt else None
-        if newest is None:
-            query.drop()  # type: ignore[no-untyped-call]
-        else:
-            Asked(query, self._world.of(FELT), ()).reply(newest)
-
-    def _pass_on(self, asked: Asked) -> None:
-        """Ask the run's cell what the simulator asked; on Zenoh's threads, so that no motion waits for it."""
-
-        def then(answer: Experiment | Refusal | None) -> None:
-            if isinstance(answer, Experiment):
-                asked.reply(answer)
-            else:
-                asked.refuse(NoAnswerError(f"{self._cell.of(EXPERIMENT)}: expected an answer, got none"))
-
-        try:
-            asked.request()
-        except TreenailError as error:
-            asked.refuse(error)
-            return
-        self._session.get(self._cell.of(EXPERIMENT), to_first(Experiment, then, _now), timeout=_ANSWER_S)
+from services.robot_link.emulator.poses import Frame, increment_of
+from services.wire.actions import Increment
 
 
 class WorldArm:
@@ -145,72 +18,24 @@ class WorldArm:
     def __init__(self, world: World, start: Frame, start_name: str, start_height_mm: float) -> None:
         """``start`` is the taught place over the hole, where the tip is ``start_height_mm`` above the mouth."""
         self.place = start.copy()
-        self._world, self._start_name, self._height_mm = world, start_name, start_height_mm
-        self._at_start = False
-        self._motions: list[Home | Move] = []
-        """Of the episode under way; empty when the arm is not in the simulated world."""
-        self._episodes = 0
+        self._peg, self._start_name = Peg(world, start_height_mm), start_name
 
     def move_by(self, step: Frame, variables: Mapping[str, float]) -> None:
         """See Arm."""
-        increment = increment_of(step)
-        motion: Home | Move | None = None
-        if self._at_start:
-            motion = self._home(increment, variables)
-        elif self._motions and increment[2] >= 0.0:
-            motion = self._move(increment, variables)
-        self._at_start = False
-        if motion is None:
-            self._motions = []
-        else:
-            self._make(motion)
+        told = [int(variables[name]) if name in variables else None for name in ("EPISODE", "STEP")]
+        try:
+            self._peg.step(Increment(*increment_of(step)), *told)
+        except WorldFault as fault:
+            raise ArmFault(str(fault)) from None
         self.place = self.place @ step
 
     def move_to(self, place: Frame, name: str) -> None:
         """See Arm."""
-        self.place, self._motions = place, []
-        self._at_start = name == self._start_name
+        self.place = place
+        self._peg.leave(at_start=name == self._start_name)
 
     def stop_at(self, place: Frame) -> None:
         """See Arm."""
         if not np.array_equal(place, self.place):
-            self._motions, self._at_start = [], False
+            self._peg.leave()
         self.place = place
-
-    def _home(self, increment: tuple[float, ...], variables: Mapping[str, float]) -> Home:
-        x, y, z, rx, ry, rz = increment
-        episode = int(variables.get("EPISODE", self._episodes))
-        self._episodes = episode + 1
-        z = round(z - self._height_mm, GRID) + 0.0
-        return Home(run=self._world.run(), episode=episode, x_mm=x, y_mm=y, z_mm=z, rx_deg=rx, ry_deg=ry, rz_deg=rz)
-
-    def _move(self, increment: tuple[float, ...], variables: Mapping[str, float]) -> Move:
-        x, y, z, rx, ry, rz = increment
-        first, last = self._motions[0], self._motions[-1]
-        before = last.step if isinstance(last, Move) else 0
-        return Move(
-            run=first.run,
-            episode=first.episode,
-            step=int(variables.get("STEP", before + 1)),
-            dx_mm=x,
-            dy_mm=y,
-            dz_mm=z,
-            rx_deg=rx,
-            ry_deg=ry,
-            rz_deg=rz,
-        )
-
-    def _make(self, motion: Home | Move) -> None:
-        self._motions = [motion] if isinstance(motion, Home) else [*self._motions, motion]
-        answer = self._world.make(motion)
-        if isinstance(answer, Refusal) and answer.reason == "out_of_order" and isinstance(motion, Move):
-            for earlier in self._motions[:-1]:
-                self._world.make(earlier)
-            answer = self._world.make(motion)
-        if isinstance(answer, Refusal):
-            self._motions = []
-            raise ArmFault(f"Servo refuses: {answer.message[:60]}".replace("*", ""))
-
-
-def _now(call: Callable[..., None], argument: object) -> None:
-    call(argument)

@@ -11,13 +11,13 @@ from pathlib import Path
 import zenoh
 
 from services.bus import command
+from services.bus.follower import Follower
 from services.bus.session import open_client
 from services.bus.stop_flag import StopFlag
 from services.rules.command_line import Parser, address, number, whole
-from services.sensor_jr3.card import SettingError
+from services.rules.settings import SettingError
 from services.sensor_jr3.emulator.card import EmulatedCard
 from services.sensor_jr3.emulator.dsp import Dsp, Sensor
-from services.sensor_jr3.emulator.follow import Follower
 from services.sensor_jr3.emulator.loads import Load, recording
 from services.sensor_jr3.settings import whole_numbers
 from services.sensor_jr3.word_server import WordServer

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 from fractions import Fraction
 from pathlib import Path
 
-from services.sensor_jr3.card import SettingError
+from services.rules.settings import SettingError
 from services.wire.text import decode, numbers
 
 Load = tuple[float, float, float, float, float, float]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from services.bus import command
 from services.rules.command_line import Parser, whole
-from services.sensor_jr3.card import SettingError
+from services.rules.settings import SettingError
 from services.sensor_jr3.emulator.faults import FAULTS
 from services.sensor_jr3.tcp import TcpCard
 from services.sensor_jr3.transports import host_and_port

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from services.robot_link import link as links
-from services.robot_link.arrival import SensorClock
 from services.robot_link.channel import RawChannel, Received
 from services.robot_link.emulator import poses
 from services.robot_link.emulator.arm import IdealArm
@@ -26,6 +25,7 @@ from services.robot_link.val2 import terminal as val2
 from services.robot_link.val2.dialects import DIALECTS
 from services.robot_link.val2.motion import Arm
 from services.robot_link.val2.terminal import Terminal, Timing
+from services.rules.arrival import SensorClock
 from services.rules.motions import GuardError, OtherRunError, OutOfOrderError, Robot
 from services.wire.actions import Increment
 from services.wire.definition import Definition

@@ -10,8 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from services.rules.settings import SettingError
 from services.sensor_jr3 import memory_map as jr3
-from services.sensor_jr3.card import ChangedError, CommandError, NoCardError, NoSensorError, SettingError
+from services.sensor_jr3.card import ChangedError, CommandError, NoCardError, NoSensorError
 from services.sensor_jr3.driver import COMMAND_TIMEOUT_S, Driver, Setup
 from services.sensor_jr3.status import status_of
 from services.sensor_jr3.transform import parse

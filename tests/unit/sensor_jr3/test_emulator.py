@@ -11,15 +11,15 @@ from typing import Any
 import pytest
 
 import services.sensor_jr3.emulator.loads as loads_module
+from services.rules.settings import SettingError
 from services.sensor_jr3 import memory_map as jr3
-from services.sensor_jr3.card import SettingError
 from services.sensor_jr3.emulator.__main__ import constant_load
 from services.sensor_jr3.emulator.loads import COLUMNS, recording, transformed
 
 FOLDER = Path(loads_module.__file__).parent
 FORBIDDEN = {
     "services.rules.ft_counts",
-    "services.sensor_jr3.mount",
+    "services.rules.mount",
     "services.sensor_jr3.transform",
     "services.sensor_jr3.stream",
 }

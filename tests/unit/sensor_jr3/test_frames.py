@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.sensor_jr3 import mount, transform
-from services.sensor_jr3.card import SettingError
+from services.rules import mount
+from services.rules.mount import Mount
+from services.rules.settings import SettingError
+from services.sensor_jr3 import transform
 from services.sensor_jr3.emulator.loads import transformed
-from services.sensor_jr3.mount import Mount
 from services.sensor_jr3.transform import Link
 
 TENTH_MM = Fraction(1, 10)

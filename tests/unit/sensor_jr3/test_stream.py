@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from services.rules.ft_counts import FtCounts
-from services.sensor_jr3.card import Collected, Sample, SettingError
-from services.sensor_jr3.mount import Mount
+from services.rules.mount import Mount
+from services.rules.settings import SettingError
+from services.sensor_jr3.card import Collected, Sample
 from services.sensor_jr3.stream import Stream, pace_of, steps_between
 from services.wire.messages import FtPacket
 

@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from services.rules.settings import SettingError
 from services.sensor_jr3 import build_port, transports
-from services.sensor_jr3.card import NoCardError, Sample, SettingError, UrlError
+from services.sensor_jr3.card import NoCardError, Sample, UrlError
 from services.sensor_jr3.driver import Driver, Setup
 from services.sensor_jr3.isa import IsaCard
 from services.sensor_jr3.settings import Settings, whole_numbers

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from services.sensor_jr3.card import SettingError
+from services.rules.settings import SettingError
 from services.wire.messages import Force, Torque
 from services.wire.text import numbers
 

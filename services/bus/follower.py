@@ -1,4 +1,4 @@
-"""The emulated sensor feels what a simulator publishes: the ``ft`` of another cell, shown by filter 0 at once.
+"""An emulated sensor feels what a simulator publishes: the ``ft`` of another cell, shown by filter 0 at once.
 
 Under ``jr3/shown`` of that cell it answers, with the simulator's own packet, once it shows the sample asked for:
 ``?sequence=7`` is answered while sample 7 is the one shown, else when it is; not when another one is, for an episode
@@ -18,13 +18,15 @@ import zenoh
 from zenoh.handlers import Callback
 
 from services.bus.answers import Asked
-from services.sensor_jr3.emulator.loads import Load
 from services.wire.codec import decode
 from services.wire.errors import BadPayloadError, TreenailError
 from services.wire.keys import FT, Keys
 from services.wire.messages import FtPacket
 
 SHOWN, FELT = "jr3/shown", "jr3/felt"
+"""Keys in the simulator's cell, which are none of the contract."""
+Load: TypeAlias = tuple[float, float, float, float, float, float]
+"""Fx Fy Fz [N], Mx My Mz [N m]."""
 FELT_S = 2.0
 MOST_WAITING = 64
 """Questions that may wait for their sample; the oldest of more is refused."""
