@@ -34,6 +34,7 @@ SERVICES = {
     "sim": "the simulator, in place of robot and sensor",
     "sensor_jr3": "a JR3 force/torque sensor",
     "robot_link": "an arm behind a VAL II controller",
+    "robot_ur": "an arm of Universal Robots",
     "task": "one insertion task",
     "classifier": "F/T vectors to contact states (ART2)",
     "agent": "contact states to moves (Q-learning, SARSA)",

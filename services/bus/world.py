@@ -16,6 +16,7 @@ that the run is in. A simulator that was started anew gets the episode's motions
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from typing import TypeAlias
@@ -32,7 +33,7 @@ from services.wire.keys import EXPERIMENT, FT, HOME, MOVE, Keys
 from services.wire.messages import Experiment, FtPacket, Home, Message, Move, Moved, Refusal
 
 _ANSWER_S = 2.0
-_TRIES = 5
+_TRIES, _PAUSE_S = 5, 0.1
 _OnSample: TypeAlias = "Callback[zenoh.Sample]"
 _OnQuery: TypeAlias = "Callback[zenoh.Query]"
 
@@ -44,9 +45,15 @@ class WorldFault(Exception):
 class World:
     """A simulator in another cell, asked over Zenoh."""
 
-    def __init__(self, session: zenoh.Session, cell: Keys, world: Keys, sensor_s: float) -> None:
-        """``cell`` has the run, ``world`` the simulator; an emulated sensor has ``sensor_s`` to show a motion."""
+    def __init__(
+        self, session: zenoh.Session, cell: Keys, world: Keys, sensor_s: float, patience_s: float = 0.0
+    ) -> None:
+        """``cell`` has the run, ``world`` the simulator; an emulated sensor has ``sensor_s`` to show a motion.
+
+        A simulator that is started again has ``patience_s`` for that.
+        """
         self._session, self._cell, self._world, self._sensor_s = session, cell, world, sensor_s
+        self._patience_s = patience_s
         self._felt: deque[FtPacket] = deque(maxlen=64)
         self._came = threading.Condition()
         key = world.of(EXPERIMENT)
@@ -69,7 +76,11 @@ class World:
     def make(self, motion: Home | Move) -> Moved | Refusal:
         """Have a motion made, and wait until the sensor shows it. Raises WorldFault."""
         name = HOME if isinstance(motion, Home) else MOVE
-        for _ in range(_TRIES):
+        tries, deadline = 0, time.monotonic() + self._patience_s
+        while tries < _TRIES or time.monotonic() < deadline:
+            if tries >= _TRIES:
+                time.sleep(_PAUSE_S)
+            tries += 1
             answer = self._ask(self._world.of(name), Moved, motion)
             if isinstance(answer, Moved):
                 if self._sensor_s > 0.0:

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from services.bus.ports import free_port
-from services.wire.definition import SPREADS, Definition, Sensor
+from services.wire.definition import Definition, Sensor
 from services.wire.errors import CellError
 
 LINKS = ("terminal", "supervisory")
@@ -35,6 +35,9 @@ class Hil:
     """Address of the emulated controller, as host:port."""
     card: str
     """Address of the emulated receiver card, as host:port."""
+    emulated: bool = True
+    services: tuple[str, ...] = ("robot_link", "sensor_jr3")
+    """What is in the cell itself."""
 
 
 def emulated(link: str = "terminal", *, thesis_speed: bool = False) -> Hil:
@@ -43,14 +46,16 @@ def emulated(link: str = "terminal", *, thesis_speed: bool = False) -> Hil:
     return Hil(link, thesis_speed, arm, card)
 
 
-def overrides(definition: Definition) -> Sequence[str]:
-    """Return what has to be set in a definition so that a receiver card can give its forces.
+def overrides(definition: Definition, profile: str = "hil") -> Sequence[str]:
+    """Return what has to be set in a definition so that emulated hardware can give its forces, in whole counts.
 
-    Raises CellError for start poses that a line of text does not carry to the last bit: the run would be another one.
+    Raises CellError for start poses that do not reach the simulator to the last bit: the run would be another one.
     """
-    for name in SPREADS:
+    for name in ("xy_spread_mm", "tilt_spread_deg"):
         if spread := getattr(definition.start, name):
-            raise CellError(f"start.{name}: expected 0 with `treenail up hil`, a line carries 5 decimals, got {spread}")
+            raise CellError(
+                f"start.{name}: expected 0 with `treenail up {profile}`, its arm goes by steps of 0.0001, got {spread}"
+            )
     return () if definition.sensor.full_scale_n else FULL_SCALES
 
 

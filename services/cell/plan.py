@@ -10,8 +10,9 @@ from pathlib import Path
 from services.bus import ports
 from services.bus.access import ROUTER
 from services.bus.tls import identity
-from services.cell import hil
+from services.cell import hil, ur
 from services.cell.hil import Hil
+from services.cell.ur import Ur
 from services.rules import plugins
 from services.rules import skill as skill_file
 from services.rules.skill import NamedSkill
@@ -22,8 +23,8 @@ from services.wire.definition_file import check_run, definition_sha256, find, lo
 from services.wire.errors import CellError
 from services.wire.keys import OPERATOR, Keys
 
-LOOP = ("store", "task", "sim", "classifier", "agent")
-"""The services of a cell in which a run can be made, beside the router."""
+WORKERS_AND_TASK = ("store", "task", "classifier", "agent")
+"""The services of a cell in which a run can be made, beside the router and what moves and feels."""
 
 
 @dataclass(frozen=True)
@@ -87,8 +88,8 @@ class Plan:
     """The router's, on 127.0.0.1."""
     certs: Path | None
     """Folder of ``treenail certs``; None for a cell without certificates."""
-    hil: Hil | None
-    """Emulated hardware; None for the simulator in its place."""
+    hardware: Hil | Ur | None
+    """Robot and sensor, emulated or real; None for the simulator in their place."""
     viewer: Viewer | None
     fresh: bool
     """Whether what the run directory knows of earlier runs is forgotten."""
@@ -121,7 +122,7 @@ def make_plan(
     out: Path | None = None,
     port: int = 0,
     certs: Path | None = None,
-    hardware: Hil | None = None,
+    hardware: Hil | Ur | None = None,
     viewer: Viewer | None = None,
     fresh: bool = False,
 ) -> Plan:
@@ -134,16 +135,17 @@ def make_plan(
     sets = tuple(overrides)
     definition = load(experiment, sets)
     if hardware is not None:
-        sets += tuple(hil.overrides(definition))
+        sets += tuple(ur.overrides(hardware, definition) if isinstance(hardware, Ur) else hil.overrides(definition))
         definition = load(experiment, sets)
     plugins.check(definition)
     length = definition.episodes if episodes is None else episodes
     check_run(seed, length)
     Keys(cell)
     if certs is not None:
-        if hardware is not None:
-            raise CellError("--certs: expected none with `treenail up hil`: the emulated hardware has no certificates")
-        for name in (ROUTER, *LOOP, *(() if viewer is None else ("viewer",)), OPERATOR):
+        if hardware is not None and hardware.emulated:
+            raise CellError("--certs: expected none with emulated hardware, which has no certificates")
+        arm = ("sim",) if hardware is None else hardware.services
+        for name in (ROUTER, *WORKERS_AND_TASK, *arm, *(() if viewer is None else ("viewer",)), OPERATOR):
             identity(certs / name, name)
     named_skill = None if skill is None else skill_file.read(skill)
     if named_skill is not None:
@@ -165,7 +167,7 @@ def make_plan(
         out=out or Path("runs") / folder,
         port=_checked_port("127.0.0.1", port, "--port"),
         certs=certs,
-        hil=hardware,
+        hardware=hardware,
         viewer=viewer,
         fresh=fresh,
     )

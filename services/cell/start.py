@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from services.cell import hil
+from services.cell import hil, ur
 from services.cell.plan import Plan
+from services.cell.ur import Ur
 
 Commands = dict[str, tuple[str, ...]]
 """Options by service, in the order in which the services are started."""
@@ -31,10 +32,13 @@ def commands(plan: Plan, endpoints: Mapping[str, str] | None = None) -> Commands
         "classifier": where("classifier"),
         "agent": where("agent"),
     }
-    if plan.hil is None:
+    hardware = plan.hardware
+    if hardware is None:
         services["sim"] = where("sim")
+    elif isinstance(hardware, Ur):
+        services |= ur.commands(hardware, plan.cell, plan.endpoint)
     else:
-        services |= hil.commands(plan.hil, plan.cell, plan.endpoint, plan.definition.sensor)
+        services |= hil.commands(hardware, plan.cell, plan.endpoint, plan.definition.sensor)
     if plan.viewer is not None:
         services["viewer"] = (*where("viewer"), *plan.viewer.options)
     return services

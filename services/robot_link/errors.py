@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from services.wire.errors import RefusedError
+from services.rules.motions import ArmError
 
 
-class LinkError(RefusedError):
+class LinkError(ArmError):
     """The motion was not made, or nobody knows; nothing but ``home`` is taken after it."""
-
-    reason = "not_ready"
 
 
 class ControllerError(LinkError):
@@ -21,9 +19,3 @@ class ArrivalError(LinkError):
 
 class UnsettledError(LinkError):
     """It is not known how the controller takes O, A, T."""
-
-
-class BusyError(RefusedError):
-    """Another motion is under way."""
-
-    reason = "not_ready"

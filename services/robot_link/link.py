@@ -16,10 +16,11 @@ from typing import Protocol
 
 from services.bus.opening import Opening
 from services.robot_link.channel import Channel
-from services.robot_link.errors import BusyError, ControllerError, LinkError
+from services.robot_link.errors import ControllerError, LinkError
 from services.robot_link.serial_line import LineError
 from services.robot_link.val2.motion import Command, Pause, Script
 from services.robot_link.val2.terminal import Answer, Event, Greeted, State, Terminal, Trouble
+from services.rules.motions import ArmError, BusyError
 from services.wire.actions import Increment
 
 RETRY_S = (0.05, 2.0)
@@ -54,7 +55,7 @@ class Link:
         channel: Channel,
         terminal: Terminal,
         get_ready: Callable[[], Generator[Command | Pause, tuple[str, ...], None]],
-        lost: Callable[[LinkError], None],
+        lost: Callable[[ArmError], None],
     ) -> None:
         """``get_ready`` makes the script that must succeed before anything else; ``lost`` hears of each fault."""
         self._port, self._channel, self._terminal = port, channel, terminal
@@ -64,7 +65,7 @@ class Link:
         self._heard_s = 0.0
         self._retry_at_s, self._retry_s = 0.0, RETRY_S[0]
         self._script: _AnyScript | None = None
-        self._then: Callable[[Increment | LinkError], None] | None = None
+        self._then: Callable[[Increment | ArmError], None] | None = None
         self._command: Command | None = None
         self._resume_s: float | None = None
         self._ready = False
@@ -81,7 +82,7 @@ class Link:
         """Whether a script is under way."""
         return self._script is not None
 
-    def run(self, script: Script, then: Callable[[Increment | LinkError], None]) -> None:
+    def run(self, script: Script, then: Callable[[Increment | ArmError], None]) -> None:
         """Carry a script out and call ``then`` with its result, later, once.
 
         Raises LinkError when there is no link, and BusyError while another script is under way.
@@ -92,7 +93,7 @@ class Link:
             raise BusyError("robot: expected to be asked for one motion at a time, another one is under way")
         self._begin(script, then)
 
-    def give_up(self, error: LinkError) -> None:
+    def give_up(self, error: ArmError) -> None:
         """Have the controller stop, and end the script under way with an error."""
         if self.busy:
             self._end(error)
@@ -192,7 +193,7 @@ class Link:
         if text:
             self._port.write(self._channel.send(text, now))
 
-    def _begin(self, script: _AnyScript, then: Callable[[Increment | LinkError], None]) -> None:
+    def _begin(self, script: _AnyScript, then: Callable[[Increment | ArmError], None]) -> None:
         self._script, self._then = script, then
         self._go_on(None)
 
@@ -223,10 +224,10 @@ class Link:
         self._command = step
         self._terminal.ask(step.text, now, step.reply_s)
 
-    def _end(self, result: Increment | LinkError | None) -> None:
+    def _end(self, result: Increment | ArmError | None) -> None:
         then, self._then = self._then, None
         self._script, self._command, self._resume_s = None, None, None
-        if isinstance(result, LinkError):
+        if isinstance(result, ArmError):
             # The arm may be moving, or be somewhere on its way.
             if self._terminal.state is not State.FAILED:
                 self._terminal.fail("motion given up")
@@ -236,7 +237,7 @@ class Link:
         elif then is not None:
             then(Increment())
 
-    def _fault(self, error: LinkError) -> None:
+    def _fault(self, error: ArmError) -> None:
         """Note that nothing is sure any more; what was under way has failed."""
         self.trouble = str(error)
         self._ready = False
@@ -249,7 +250,7 @@ class Link:
         if then is not None:
             then(error)
 
-    def _got_ready(self, result: Increment | LinkError) -> None:
-        self._ready = not isinstance(result, LinkError)
+    def _got_ready(self, result: Increment | ArmError) -> None:
+        self._ready = not isinstance(result, ArmError)
         if self._ready:
             self.trouble, self._retry_s = "", RETRY_S[0]

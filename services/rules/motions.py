@@ -37,6 +37,18 @@ class DeadSensorError(GuardError):
     """A motion that is refused because the sensor answers, but does not feel."""
 
 
+class ArmError(RefusedError):
+    """The motion was not made, or nobody knows; nothing but ``home`` is taken after it."""
+
+    reason = "not_ready"
+
+
+class BusyError(RefusedError):
+    """Another motion is under way."""
+
+    reason = "not_ready"
+
+
 class OtherRunError(RefusedError):
     """A motion of another run than the task's."""
 

@@ -7,7 +7,7 @@ from collections import deque
 
 from services.bus.service import Service
 from services.rules.senses import Freshness
-from services.wire.keys import FT, HOME, MOVE
+from services.wire.keys import FT, HOME, MOVE, SENSORS
 from services.wire.messages import FtPacket, Home, Move, Moved, Refusal
 
 FELT_WITHIN_S = 0.5
@@ -30,7 +30,7 @@ class Robot:
         """The newest packets since a motion was asked for."""
         self._fresh = Freshness()
         self._pause_s = RETRY_S
-        service.subscribe(FT, FtPacket, self._on_ft, "sim", "sensor_jr3")
+        service.subscribe(FT, FtPacket, self._on_ft, *SENSORS)
 
     def go(self, motion: Home | Move) -> tuple[Moved, FtPacket] | None:
         """Make a motion and return what was applied and felt; tries as long as it takes, None only when stopped."""

@@ -76,13 +76,27 @@ HEARTBEAT = "heartbeat/<service>"
 HEAD = "journal/<run>/*"
 """What a run is, its swaps and its newest episode, asked for at once."""
 
-SERVICES = ("sim", "sensor_jr3", "robot_link", "task", "classifier", "agent", "store", "viewer")
+SERVICES = (
+    "sim",
+    "sensor_jr3",
+    "robot_link",
+    "robot_ur",
+    "sensor_rdt",
+    "task",
+    "classifier",
+    "agent",
+    "store",
+    "viewer",
+)
 OPERATOR, GUEST = "operator", "guest"
 CLIENTS = (*SERVICES, OPERATOR, GUEST)
 """Everybody but the router, by the name in a certificate."""
 READERS = ("viewer", OPERATOR, GUEST)
 WORKERS = ("classifier", "agent")
-ROBOTS = ("sim", "robot_link")
+ROBOTS = ("sim", "robot_link", "robot_ur")
+"""Who answers motions."""
+SENSORS = ("sim", "sensor_jr3", "sensor_rdt", "robot_ur")
+"""Who publishes what is felt; the wrist of robot_ur is one."""
 
 
 class Access(NamedTuple):
@@ -127,7 +141,7 @@ CONTRACT: dict[str, Row] = {
     FT: Row(
         "pub",
         (FtPacket,),
-        Access(put=("sim", "sensor_jr3"), hear=("task", "robot_link", *READERS)),
+        Access(put=SENSORS, hear=("task", "robot_link", "robot_ur", *READERS)),
         "what the wrist feels",
         ("task", "viewer"),
     ),

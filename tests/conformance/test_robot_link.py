@@ -19,6 +19,7 @@ import zenoh
 
 from services.bus.answers import answer_in
 from services.bus.session import open_client
+from services.cell.ur import START_MM, arm
 from services.wire.actions import Increment, increments
 from services.wire.codec import encode, encoding_of
 from services.wire.definition_file import definition_sha256, load
@@ -27,7 +28,7 @@ from services.wire.messages import Experiment, FtPacket, Home, Move, Moved, Refu
 
 KEYS = Keys("a")
 RUN = "conformance"
-RIGS = ("sim", "val2", "val2-offset-arrived", "vplus", "supervisory")
+RIGS = ("sim", "val2", "val2-offset-arrived", "vplus", "supervisory", "ur")
 FELT_EVERY_S = 0.01
 
 
@@ -43,6 +44,8 @@ class Rig:
     feels: threading.Event = field(default_factory=threading.Event)
     """Whether F/T samples are published."""
     own_sensor: bool = False
+    service: str = "robot_link"
+    """Who answers motions."""
 
     def start(self, name: str, *options: str) -> Any:
         """Start a service."""
@@ -99,6 +102,18 @@ def emulated(rig: Rig, emulator: tuple[str, ...], link: tuple[str, ...]) -> None
     rig.start("robot_link", "--url", url, *usual, *link)
 
 
+def ur(rig: Rig) -> None:
+    """The UR service on its emulated controller with an ideal arm, and a sensor beside it."""
+    pytest.importorskip("rtde_control", reason="pip install '.[robot_ur]'")
+    address = arm().address
+    process = rig.run_module("services.robot_ur.emulator", "--listen", address)
+    rig.wait_until("the emulator listens", lambda: "panel on" in process.out)
+    rig.feels.set()
+    rig.service = "robot_ur"
+    usual = ("--oldest-s", "2", "--settle-s", "0", "--withdraw-mm", "20", "--auto-resume", "--watchdog-s", "10")
+    rig.start("robot_ur", "--robot", address, "--wrist", "none", "--start", START_MM, *usual)
+
+
 MAKE: dict[str, Callable[[Rig], None]] = {
     "sim": sim,
     "val2": lambda rig: emulated(rig, (), ()),
@@ -109,6 +124,7 @@ MAKE: dict[str, Callable[[Rig], None]] = {
     "supervisory": lambda rig: emulated(
         rig, ("--mode", "supervisory"), ("--mode", "supervisory", "--ddcmp-listen", "0")
     ),
+    "ur": ur,
 }
 
 
@@ -227,6 +243,6 @@ def test_nothing_moves_without_a_fresh_sample_but_home(rig: Rig) -> None:
 
 def stale(rig: Rig) -> bool:
     """Return whether the robot says that it stands for want of samples."""
-    for reply in rig.session.get(f"{KEYS.alive('robot_link')}?format=json", timeout=5.0):
+    for reply in rig.session.get(f"{KEYS.alive(rig.service)}?format=json", timeout=5.0):
         return reply.ok is not None and b"stands: guard: sensor" in reply.ok.payload.to_bytes()
     return False

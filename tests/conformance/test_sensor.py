@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import signal
+import socket
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -18,6 +19,7 @@ import pytest
 import zenoh
 
 from services.bus.session import open_client
+from services.cell.ur import START_MM, arm
 from services.rules.guard import Guard
 from services.sensor_jr3.emulator.panel import press
 from services.wire.codec import contract_sha256, decode, encoding_of
@@ -28,7 +30,7 @@ from services.wire.messages import Alive, FtPacket
 KNOWN_STATUS = 0b11111
 UNUSABLE = {0: "saturated", 2: "lost", 3: "changed", 4: "not yet zeroed"}
 KEYS = Keys("a")
-RIGS = ("sim", "jr3")
+RIGS = ("sim", "jr3", "ur-wrist")
 
 
 @dataclass
@@ -82,6 +84,8 @@ class Rig:
     """Take the sensor away from the running service, or the service itself where it is its own sensor."""
     mend: Callable[[], Any]
     """Undo that; return the process."""
+    phase: str = "running"
+    """What it says of itself then, as a regular expression."""
 
 
 @pytest.fixture
@@ -131,9 +135,37 @@ def jr3(bus: Bus, small: Path, folder: Path) -> Rig:
     return Rig("sensor_jr3", start, lambda _: press(url, "pull", 1), mend)
 
 
+def ur_wrist(bus: Bus, small: Path, folder: Path) -> Rig:
+    """The wrist of the UR arm on its emulated controller, whose cable is pulled."""
+    pytest.importorskip("rtde_control", reason="pip install '.[robot_ur]'")
+    address = arm().address
+    emulator = bus.run_module("services.robot_ur.emulator", "--listen", address, "--load", "1,2,3,0.1,0.2,0.3")
+    bus.wait_until("the emulator listens", lambda: "panel on" in emulator.out)
+    (port,) = re.findall(r"panel on 127\.0\.0\.1:(\d+)", emulator.out)
+    bus.start("store", "--file", str(folder / "store.sqlite"))
+    bus.start("task", "--experiment", str(small), "--episodes", "5000", "--seed", "1")
+
+    def push(line: str) -> None:
+        with socket.create_connection(("127.0.0.1", int(port))) as panel:
+            panel.sendall(line.encode() + b"\n")
+            assert panel.recv(100) == b"done\n"
+
+    started: list[Any] = []
+
+    def start() -> Any:
+        started.append(bus.start("robot_ur", "--robot", address, "--start", START_MM, "--auto-resume"))
+        return started[-1]
+
+    def mend() -> Any:
+        push("pull 0")
+        return started[-1]
+
+    return Rig("robot_ur", start, lambda _: push("pull 1"), mend, "running|making .*")
+
+
 @pytest.fixture(params=RIGS)
 def rig(request: pytest.FixtureRequest, bus: Bus, small: Path, tmp_path: Path) -> Rig:
-    make: Callable[[Bus, Path, Path], Rig] = {"sim": sim, "jr3": jr3}[request.param]
+    make: Callable[[Bus, Path, Path], Rig] = {"sim": sim, "jr3": jr3, "ur-wrist": ur_wrist}[request.param]
     return make(bus, small, tmp_path)
 
 
@@ -194,6 +226,6 @@ def test_it_says_who_it_is_and_stops_when_told(bus: Bus, rig: Rig) -> None:
     status = decode(Alive, reply.ok.payload.to_bytes(), str(reply.ok.encoding))
     assert (status.service, status.pid) == (rig.name, process.popen.pid)
     assert status.contract_sha256 == contract_sha256()
-    assert status.phase == "running"
+    assert re.fullmatch(rig.phase, status.phase)
     assert process.stop() == 0
     assert process.err == ""

@@ -19,6 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 WRONG = ("nan", "inf", "-inf", "1_0", "\u0663", "0x10", "1e400", "")
 OTHERS = (
     "services.robot_link.emulator.__main__",
+    "services.robot_ur.emulator.__main__",
     "services.sensor_jr3.card_server",
     "services.sensor_jr3.emulator.__main__",
     "services.sensor_jr3.emulator.panel",

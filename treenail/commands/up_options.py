@@ -6,22 +6,28 @@ import argparse
 from pathlib import Path
 
 from services.cell import hil
-from services.cell.hil import LINKS, emulated
+from services.cell.hil import LINKS, Hil, emulated
 from services.cell.plan import Plan, make_plan, viewer_at
-from services.rules.command_line import whole
+from services.cell.ur import EMULATED, Ur, arm
+from services.robot_ur import settings as robot_ur
+from services.rules.command_line import Parser, whole
 from services.rules.swaps import SPEC, SPEC_HELP
 from services.wire.errors import CellError
 from services.wire.message_base import LONGEST_RUN
 from services.wire.randomness import MAX_SEED
 
-PROFILES = ("sim", "hil")
+PROFILES = ("sim", "hil", "ur")
 WEB_PORT = 9090
+_ARM_HELP = "ur: an option of `treenail robot_ur`: --arm start=120,-430,215,2.3,-1.9,0.2 --arm unlock-protective-stop"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of ``treenail up``."""
     parser.add_argument(
-        "profile", choices=PROFILES, help="sim: the simulator in place of robot and sensor; hil: emulated hardware"
+        "profile",
+        choices=PROFILES,
+        help="sim: the simulator in place of robot and sensor; hil: "
+        "emulated old hardware; ur: an arm of Universal Robots",
     )
     parser.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file of the definition")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
@@ -67,6 +73,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"hil: a line of {hil.THESIS_BAUD} baud, motions of {hil.THESIS_MOTION_S} s: "
         "about one decision a second, as in the thesis",
     )
+    parser.add_argument(
+        "--robot", metavar="ADDRESS", help=f"ur: of the controller, as 192.168.0.10; or {EMULATED}, the usual"
+    )
+    parser.add_argument("--arm", action="append", default=[], metavar="OPTION[=VALUE]", help=_ARM_HELP)
 
 
 def plan_of(arguments: argparse.Namespace) -> Plan:
@@ -76,9 +86,14 @@ def plan_of(arguments: argparse.Namespace) -> Plan:
     web_port = arguments.web_port
     if web_port is None:  # who asks for any port for one asks for any port for the other
         web_port = WEB_PORT if arguments.viewer_port else 0
-    hardware = None
+    hardware: Hil | Ur | None = None
+    if arguments.profile != "ur" and (arguments.robot is not None or arguments.arm):
+        raise CellError("--robot, --arm: expected with `treenail up ur` only")
     if arguments.profile == "hil":
         hardware = emulated(arguments.link or LINKS[0], thesis_speed=arguments.thesis_speed)
+    elif arguments.profile == "ur":
+        robot = arguments.robot or EMULATED
+        hardware = arm(robot, _arm_options(robot, arguments.arm))
     viewer = None
     if not arguments.no_viewer:
         web_port = None if arguments.no_web else web_port
@@ -98,3 +113,15 @@ def plan_of(arguments: argparse.Namespace) -> Plan:
         viewer=viewer,
         fresh=arguments.fresh,
     )
+
+
+def _arm_options(robot: str, words: list[str]) -> list[str]:
+    """Return options of ``robot_ur``, checked as that service will. Raises TreenailError."""
+    options = [f"--{word.lstrip('-')}" for word in words]
+    parser = Parser(prog="treenail up ur: --arm", add_help=False)
+    robot_ur.add_arguments(parser)
+    known, others = parser.parse_known_args(["--robot", robot, *options])
+    if others:
+        raise CellError(f"--arm: expected options of `treenail robot_ur`, got {' '.join(others)[:80]!r}")
+    robot_ur.settings(known)
+    return options

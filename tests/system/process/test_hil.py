@@ -68,7 +68,7 @@ def test_any_process_of_it_may_be_killed(
     [
         (("sim", "--thesis-speed"), "--link, --thesis-speed: expected with `treenail up hil` only"),
         (("sim", "--link", "terminal"), "--link, --thesis-speed: expected with `treenail up hil` only"),
-        (("hil", "--certs", "certs"), "--certs: expected none with `treenail up hil`"),
+        (("hil", "--certs", "certs"), "--certs: expected none with emulated hardware"),
         (("hil", "--experiment", "initial"), "start.xy_spread_mm: expected 0 with `treenail up hil`"),
     ],
 )

@@ -48,8 +48,8 @@ def test_what_would_be_dangerous_is_for_one_alone() -> None:
     put, ask, answer, delete = _may("put"), _may("ask"), _may("answer"), _may("delete")
     assert [name for name in CLIENTS if "action" in put[name]] == ["agent"]
     assert [name for name in CLIENTS if ask[name] & {"move", "home"}] == ["task"]
-    assert {name for name in CLIENTS if answer[name] & {"move", "home"}} == {"sim", "robot_link"}
-    assert {name for name in CLIENTS if "ft" in put[name]} == {"sim", "sensor_jr3"}
+    assert {name for name in CLIENTS if answer[name] & {"move", "home"}} == {"sim", "robot_link", "robot_ur"}
+    assert {name for name in CLIENTS if "ft" in put[name]} == {"sim", "sensor_jr3", "sensor_rdt", "robot_ur"}
     skills = {"checkpoint/skill/<sha256>", "checkpoint/skill/latest"}
     assert {name for name in CLIENTS if put[name] & skills} == {"task", "operator"}
     assert {key for name in CLIENTS for key in delete[name]} == skills == delete["operator"]

@@ -26,7 +26,7 @@ from services.robot_link.val2.dialects import DIALECTS
 from services.robot_link.val2.motion import Arm
 from services.robot_link.val2.terminal import Terminal, Timing
 from services.rules.arrival import SensorClock
-from services.rules.motions import GuardError, OtherRunError, OutOfOrderError, Robot
+from services.rules.motions import ArmError, GuardError, OtherRunError, OutOfOrderError, Robot
 from services.wire.actions import Increment
 from services.wire.definition import Definition
 from services.wire.messages import FtPacket, Home, Move
@@ -251,7 +251,7 @@ class Wire:
         """Nothing to close."""
 
 
-def wired(hear: Callable[[bytes], bytes], lost: Callable[[LinkError], None]) -> Link:
+def wired(hear: Callable[[bytes], bytes], lost: Callable[[ArmError], None]) -> Link:
     """Return a link that waits for nothing longer than 10 ms."""
     terminal = Terminal(DIALECTS["val2"], Timing(echo_s=0.01, reply_s=0.01, quiet_s=0.0))
     return Link(Wire(hear), RawChannel(), terminal, Arm(ArmSettings()).get_ready, lost)

@@ -1,0 +1,89 @@
+"""``treenail up ur``: the cell with an arm of Universal Robots, an emulated one or one at an address.
+
+    task -> robot_ur -> RTDE, script, dashboard -> emulated controller -> sim -> its wrist -> RTDE -> robot_ur -> task
+
+Of the emulated one every byte is what goes over a real one's network. The simulator stands in a cell of its own, where
+only the emulator meets it, and reads its forces in whole counts as the service does then, so that the run ends in the
+same bytes as ``treenail up sim`` with the same definition. A real arm needs no simulator, and gets none.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from services.bus.ports import free_port
+from services.cell import hil
+from services.wire.definition import Definition
+from services.wire.errors import CellError
+
+EMULATED = "emulated"
+START_MM = "120.3,-431.7,214.6,2.31,-1.94,0.17"
+"""Start pose of the emulated arm: nothing upright or square."""
+_PORTS = (29999, 30003, 30004)
+
+
+@dataclass(frozen=True)
+class Ur:
+    """One arm."""
+
+    address: str
+    """Of its controller."""
+    emulated: bool
+    options: tuple[str, ...]
+    """More for ``robot_ur``, as on its command line."""
+    sensor: tuple[str, ...] | None = None
+    """Options of ``sensor_rdt`` for a box beside the arm; None for the arm's own wrist."""
+
+    @property
+    def services(self) -> tuple[str, ...]:
+        """What is in the cell itself."""
+        return ("robot_ur",) if self.sensor is None else ("robot_ur", "sensor_rdt")
+
+
+def arm(robot: str = EMULATED, options: Sequence[str] = (), sensor: Sequence[str] | None = None) -> Ur:
+    """Return an arm: ``emulated``, on a free address of this machine, or one at an address."""
+    box = None if sensor is None else tuple(sensor)
+    if robot != EMULATED:
+        return Ur(robot, False, tuple(options), box)
+    return Ur(_free_address(), True, tuple(options), box)
+
+
+def overrides(hardware: Ur, definition: Definition) -> Sequence[str]:
+    """Return what has to be set in a definition for this arm. Raises CellError for what an emulated one cannot make."""
+    return hil.overrides(definition, "ur --robot emulated") if hardware.emulated else ()
+
+
+def commands(hardware: Ur, cell: str, endpoint: str) -> dict[str, tuple[str, ...]]:
+    """Return the options of the arm's services, in the order of starting."""
+    here = ("--cell", cell, "--connect", endpoint)
+    robot = (*here, "--robot", hardware.address)
+    box = {} if hardware.sensor is None else {"sensor_rdt": (*here, *hardware.sensor)}
+    wrist = () if hardware.sensor is None else ("--wrist", "none")
+    if not hardware.emulated:
+        return {**box, "robot_ur": (*robot, *wrist, *hardware.options)}
+    world = f"{cell}-world"
+    emulator = ("--listen", hardware.address, "--world", world, "--start", START_MM)
+    exact = ("--settle-s", "0", "--zero", "never", "--tell-episode", "--auto-resume", "--watchdog-s", "10")
+    return {
+        "sim": ("--cell", world, "--connect", endpoint),
+        "robot_ur.emulator": (*here, *emulator),
+        **box,
+        "robot_ur": (*robot, "--start", START_MM, "--withdraw-mm", "20", *exact, *wrist, *hardware.options),
+    }
+
+
+def _free_address() -> str:
+    """Return an address of this machine whose ports for a controller are free. Raises CellError when none is."""
+    number = os.getpid()
+    for _ in range(100):
+        number = (number * 1103515245 + 12345) % 2**24
+        address = f"127.{number >> 16 & 255}.{number >> 8 & 255}.{number % 254 + 1}"
+        try:
+            for port in _PORTS:
+                free_port(address, port)
+        except OSError:
+            continue
+        return address
+    raise CellError("up ur: expected an address of 127.0.0.0/8 with ports 29999, 30003 and 30004 free, got none")

@@ -1,0 +1,69 @@
+"""``treenail up ur``: through an emulated UR controller, byte for byte, a run ends as the one in one process."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from services.cell.hil import FULL_SCALES
+
+pytest.importorskip("rtde_control", reason="pip install '.[robot_ur]'")
+
+LONG = 20
+"""Episodes of a run in which every process is killed in turn."""
+
+
+@pytest.fixture
+def up_ur(run_module: Callable[..., Any], small: Path, tmp_path: Path) -> Callable[..., Any]:
+    """Starts ``treenail up ur`` on free ports."""
+
+    def start(*options: str, episodes: int = LONG) -> Any:
+        words = ["--experiment", str(small), "--episodes", str(episodes), "--seed", "1", "--out", str(tmp_path / "A")]
+        return run_module("treenail.__main__", "up", "ur", *words, "--port", "0", "--no-viewer", *options)
+
+    return start
+
+
+def test_any_process_may_be_killed_and_the_run_ends_as_the_one_in_one_process(
+    up_ur: Callable[..., Any],
+    reference: Callable[..., dict[str, str]],
+    digests_in: Callable[[Path], dict[str, str]],
+    endpoint_of: Callable[[Path], str],
+    after_actions: Callable[[str, int], None],
+    wait_until: Callable[..., None],
+    tmp_path: Path,
+) -> None:
+    process = up_ur("--robot", "emulated")
+    endpoint = endpoint_of(tmp_path / "A")
+    for victim in ("robot_ur", "robot_ur.emulator", "sim", "task", "agent"):
+        after_actions(endpoint, 8)
+        wait_until(f"{victim} runs", lambda victim=victim: victim in process.children())
+        os.kill(process.children()[victim], signal.SIGKILL)
+    assert process.end() == 0, process.err
+    assert "the sensor is read in counts" in process.out
+    assert process.out.count("was killed by SIGKILL; starting it again") == 5
+    assert digests_in(tmp_path / "A") == reference(LONG, 1, *FULL_SCALES)
+
+
+@pytest.mark.parametrize(
+    ("words", "complaint"),
+    [
+        (("sim", "--robot", "emulated"), "--robot, --arm: expected with `treenail up ur` only"),
+        (("ur", "--certs", "certs"), "--certs: expected none with emulated hardware"),
+        (("ur", "--experiment", "initial"), "start.xy_spread_mm: expected 0 with `treenail up ur --robot emulated`"),
+        (("ur", "--arm", "speed-mm-s=900"), "--speed-mm-s"),
+        (("ur", "--robot", "two words"), "--robot: expected an address"),
+    ],
+)
+def test_options_that_do_not_go_together_are_one_line(
+    run_module: Callable[..., Any], words: tuple[str, ...], complaint: str
+) -> None:
+    process = run_module("treenail.__main__", "up", *words)
+    assert process.end() == 2
+    assert complaint in process.err
+    assert process.err.count("\n") == 1
