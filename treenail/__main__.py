@@ -54,6 +54,8 @@ COMMANDS = {
     "checkpoint": "list, show, export and import what was learnt",
     "evaluate": "say how good a skill is on a task, beside a hand-written rule",
     "export": "write a run as MCAP, Parquet or a LeRobot dataset",
+    "video": "show one insertion of a run as a film",
+    "runs": "list the runs in a folder with their sizes, and remove them",
     "certs": "make a certificate authority and a certificate for each service",
 }
 """Each is a module of ``treenail.commands``; its ``act`` returns the exit status, 0 or 1."""
@@ -175,6 +177,14 @@ def _module(name: str) -> Command:
             from treenail.commands import export
 
             return export
+        case "video":
+            from treenail.commands import video
+
+            return video
+        case "runs":
+            from treenail.commands import runs
+
+            return runs
         case _:
             from treenail.commands import certs
 

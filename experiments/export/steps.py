@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from services.sim.pose import Pose
 from services.task.insertion import Insertion
-from services.wire.actions import Increment, action_names, increments
+from services.wire.actions import Increment, action_names, guidance, increments
 from services.wire.definition import Definition
 from services.wire.errors import TreenailError
 from services.wire.messages import EpisodeSummary, Force, JournalEpisode, JournalStep, Torque
@@ -41,7 +41,7 @@ class Row(NamedTuple):
     reward: float | None
     """None for guidance, and for a decision that was taught nothing."""
     flange: Pose
-    """Commanded pose of the tip before the motion, hole frame."""
+    """Commanded pose of the tip before the motion, in the frame of the hole as it stands upright."""
     increment: Increment
     """Of the motion, tool frame."""
     outcome: str
@@ -68,7 +68,7 @@ class Stepper:
     def __init__(self, definition: Definition, run: str, seed: int) -> None:
         self._task = Insertion(definition, run, seed)
         self._names, self._increments = action_names(definition.moves), increments(definition.moves)
-        self._guidance = Increment(dz_mm=definition.moves.insertion_mm)
+        self._guidance, self._centre_mm = guidance(definition.moves), definition.moves.rotation_centre_mm
         self._t_ns = 0
 
     def episodes(self, journal: Iterable[JournalEpisode]) -> Iterator[EpisodeRows]:
@@ -105,7 +105,7 @@ class Stepper:
                 increment=increment,
                 outcome=summary.outcome if motion == summary.moves else "",
             )
-            pose = pose.moved(increment)
+            pose = pose.moved(increment, self._centre_mm)
 
     def _made(self, step: JournalStep) -> Increment:
         if step.action is None or step.action >= len(self._increments):

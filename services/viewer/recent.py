@@ -12,6 +12,8 @@ from services.wire.messages import EpisodeSummary
 
 WINDOW = 10
 """Episodes that an average covers."""
+PACE_MARKS = 30
+"""Looks at how far a run is that its pace is taken from; there is one every other second, if it got on."""
 
 
 @dataclass(frozen=True)
@@ -80,3 +82,29 @@ class History:
     def _add(groups: dict[int, tuple[float, int]], number: int, total: float, count: int) -> None:
         before, counted = groups.get(number, (0.0, 0))
         groups[number] = (before + total, counted + count)
+
+
+class Pace:
+    """How long the rest of a run takes, by the episodes of its last minute or so."""
+
+    def __init__(self) -> None:
+        self._marks: deque[tuple[int, int]] = deque(maxlen=PACE_MARKS)
+        """When so many episodes were done."""
+
+    def left(self, time_ns: int, done: int, length: int) -> str:
+        """Return in words how long it takes from ``done`` episodes to ``length``; empty while nobody can tell."""
+        if not self._marks or done > self._marks[-1][1]:
+            self._marks.append((time_ns, done))
+        first_ns, first = self._marks[0]
+        last_ns, last = self._marks[-1]
+        if last == first or done >= length:
+            return ""
+        return duration((length - done) * (last_ns - first_ns) * 1e-9 / (last - first))
+
+
+def duration(seconds: float) -> str:
+    """Return a time in words, as exactly as is of use: ``40 s``, ``12 min``, ``3 h 5 min``."""
+    if seconds < 99.5:
+        return f"{max(1, round(seconds))} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"

@@ -15,7 +15,7 @@ import numpy as np
 
 from services.rules.hole import UPRIGHT, standing
 from services.viewer.decimate import Floats, Nanoseconds, distinct, extremes, spread
-from services.viewer.recent import History, Progress, Recent
+from services.viewer.recent import History, Pace, Progress, Recent
 from services.wire.errors import BadPayloadError
 from services.wire.messages import (
     Action,
@@ -46,6 +46,12 @@ ABOUT = "about"
 PEG = "scene/peg"
 FLANGE = "scene/flange"
 HOLE = "scene/hole"
+PUSH = "scene/flange/force"
+"""The force as an arrow, in the frame that it is told in: the flange's tool frame."""
+PUSH_MM_PER_N = 3.0
+LONGEST_PUSH_MM = 30.0
+FEELS_N = 0.05
+"""A force below this is shown as none: an arrow of noise would only twitch."""
 
 
 @dataclass(frozen=True)
@@ -69,6 +75,15 @@ class Placement:
     time_ns: int
     translation: tuple[float, float, float]
     quaternion: tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Push:
+    """What pushes on the peg, as an arrow from its tip; None for nothing that is worth one."""
+
+    time_ns: int
+    arrow_mm: tuple[float, float, float] | None
+    label: str
 
 
 @dataclass(frozen=True)
@@ -118,7 +133,7 @@ class About:
     text: str
 
 
-Item = Series | Placement | Lines | Table | Bars | About
+Item = Series | Placement | Push | Lines | Table | Bars | About
 
 
 class Recorder:
@@ -129,6 +144,7 @@ class Recorder:
         self._experiment: Experiment | None = None
         self._done = 0
         """Episodes of the run, as far as is known."""
+        self._pace = Pace()
         self.run: str | None = None
         """The run that the newest episode belongs to, or that the task said it runs."""
         self._limit_n = math.nan
@@ -189,10 +205,13 @@ class Recorder:
 
     def flush(self, start_ns: int, end_ns: int) -> list[Item]:
         """Return what came after ``start_ns`` and until ``end_ns``, and forget it."""
+        force_n = self._wrench[-1][:3] if self._wrench else None
         items: list[Item] = [*self._wrench_items(start_ns, end_ns), *self._decision_items(start_ns, end_ns)]
         items += self._episode_items(start_ns, end_ns)
         if self._truth is not None:
             items += self._placements(self._truth, end_ns)
+            if force_n is not None:
+                items.append(_push(end_ns, (force_n[0], force_n[1], force_n[2])))
             self._truth = None
         if items:  # time moves on anyway; and old ones will be dropped for lack of memory
             self._more, self._shown = True, None
@@ -223,7 +242,9 @@ class Recorder:
             return []
         items: list[Item] = []
         if self._experiment is not None:
-            episode = f"episode {self._done} of {max(self._experiment.episodes, self._done)}"
+            length = max(self._experiment.episodes, self._done)
+            left = self._pace.left(time_ns, self._done, length)
+            episode = f"episode {self._done} of {length}" + (f", {left} left" if left else "")
             items.append(About(time_ns, f"{name(self._experiment, self._cell)}\n{episode}"))
         firsts, means, width = self._history.bars()
         if len(firsts):
@@ -256,6 +277,7 @@ class Recorder:
             self._recent = Recent()
             self._history = History()
             self._experiment, self._done = None, 0
+            self._pace = Pace()
 
     def _wrench_items(self, start_ns: int, end_ns: int) -> list[Series]:
         if not self._wrench:
@@ -331,3 +353,12 @@ def _check_shape(answer: QTable) -> None:
 def _placement(entity: str, time_ns: int, pose: PoseNumbers) -> Placement:
     x, y, z, qw, qx, qy, qz = pose
     return Placement(entity, time_ns, (x, y, z), (qx, qy, qz, qw))
+
+
+def _push(time_ns: int, force_n: tuple[float, float, float]) -> Push:
+    size = math.hypot(*force_n)
+    if not size >= FEELS_N:
+        return Push(time_ns, None, "")
+    scale = min(PUSH_MM_PER_N, LONGEST_PUSH_MM / size)
+    fx, fy, fz = force_n
+    return Push(time_ns, (scale * fx, scale * fy, scale * fz), f"{size:.1f} N")

@@ -16,6 +16,9 @@ from services.viewer.recording import new_piece
 from services.wire.definition import Definition
 from services.wire.errors import CellError
 
+AXIS_MM = 6.0
+"""Length of the tool frame's axes in the scene; in the colours of the force's components."""
+AXIS_COLOURS = [colours.SKY_BLUE, colours.ORANGE, colours.GREEN]
 _SIZE = re.compile(r"^[1-9][0-9]{0,8}(MB|GB|MiB|GiB)$")
 
 
@@ -65,6 +68,10 @@ class Stream:
         self._static(f"{record.PEG}/body", _mesh(peg, (*colours.SKY_BLUE, 170)))
         outline = shapes.peg_outline(definition.parts)
         self._static(f"{record.PEG}/outline", rr.LineStrips3D(outline, colors=colours.YELLOW, radii=0.12))
+        axes = rr.Arrows3D(
+            vectors=AXIS_MM * np.eye(3), labels=["x", "y", "z"], show_labels=True, colors=AXIS_COLOURS, radii=0.15
+        )
+        self._static(f"{record.PEG}/axes", axes)
         self._static(f"{record.FLANGE}/outline", rr.LineStrips3D(outline, colors=colours.ORANGE, radii=0.06))
 
     def send(self, item: record.Item) -> None:
@@ -74,6 +81,8 @@ class Stream:
         elif isinstance(item, record.Placement):
             columns = rr.Transform3D.columns(translation=[item.translation], quaternion=[item.quaternion])
             self._recording.send_columns(item.entity, [_time(np.array([item.time_ns]))], columns)
+        elif isinstance(item, record.Push):
+            self._send_push(item)
         elif isinstance(item, record.Lines):
             shades = [colours.GREY if level == "INFO" else colours.ORANGE for level in item.levels]
             columns = rr.TextLog.columns(text=item.texts, level=item.levels, color=shades)
@@ -85,6 +94,16 @@ class Stream:
             self._send_bars(item)
         else:
             self._send_table(item)
+
+    def _send_push(self, item: record.Push) -> None:
+        self._at(item.time_ns)
+        if item.arrow_mm is None:
+            self._recording.log(record.PUSH, rr.Clear(recursive=False))
+            return
+        label = rr.Arrows3D(
+            vectors=[item.arrow_mm], labels=[item.label], show_labels=True, colors=colours.VERMILION, radii=0.35
+        )
+        self._recording.log(record.PUSH, label)
 
     def _send_series(self, item: record.Series) -> None:
         rows, width = item.values.shape

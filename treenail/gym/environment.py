@@ -15,8 +15,10 @@ import numpy as np
 from gymnasium import error
 
 from experiments.lab.guided import Reached, make
+from services.rules.guard import increment_of
 from services.rules.motions import GuardError
 from services.sim.cell import SimulatedCell
+from services.sim.pose import Pose
 from services.sim.world import World
 from services.task.insertion import Insertion
 from services.wire.definition import Definition
@@ -74,7 +76,7 @@ class PegInHole(gymnasium.Env[Array, Any]):
         self._feeling = Feeling(history, orientation)
         self._moves = AnyMoves(self.definition) if continuous else ListedMoves(self.definition)
         self.observation_space, self.action_space = self._feeling.space, self._moves.space
-        self._world = World(self.definition)
+        self._first_world = World(self.definition)
         self._seed: int | None = None
         self._episode = -1
         self._decisions = 0
@@ -146,7 +148,7 @@ class PegInHole(gymnasium.Env[Array, Any]):
         if self._seed is None:
             raise error.ResetNeeded(f"{NAME}: render: expected reset() first")
         caption = f"{self.definition.name}, seed {self._seed}, episode {self._episode}"
-        return self._scene.picture(Shot(self._world.peg, self._packet.force_n[-1], self._forces_n, caption))
+        return self._scene.picture(Shot(self._cell.world.peg, self._packet.force_n[-1], self._forces_n, caption))
 
     def close(self) -> None:
         """End; viewers are served no longer."""
@@ -162,30 +164,35 @@ class PegInHole(gymnasium.Env[Array, Any]):
             raise TreenailError(f"{NAME}: seed: expected 0 to {MAX_SEED}, got {seed}")
         self._seed, self._episode = seed, -1
         run = run_id(self.definition, seed)
-        self._cell = SimulatedCell(self.definition, run, seed, self._world)
+        # Where parts change in the course of a run, a cell goes on with a world of its own.
+        self._cell = SimulatedCell(self.definition, run, seed, self._first_world)
         self._task = Insertion(self.definition, run, seed)
 
     def _home(self) -> Home:
         # Decisions are numbered within the episode: which were made before it nobody here depends on.
-        return self._task.home(self._episode, 0)
+        home = self._task.home(self._episode, 0)
+        self._commanded = Pose.from_tilt(home.x_mm, home.y_mm, home.z_mm, home.rx_deg, home.ry_deg, home.rz_deg)
+        return home
 
     def _see(self, moved: Moved, packet: FtPacket) -> None:
         self._packet = packet
         if moved.step:
+            centre_mm = self.definition.moves.rotation_centre_mm
+            self._commanded = self._commanded.moved(increment_of(moved), centre_mm)
             self._forces_n.append(math.hypot(*packet.force_n[-1]))
         if self.render_mode == "human":
             if self._watched is None:
                 from treenail.gym.watching import Watched
 
                 self._watched = Watched(self.definition)
-            self._watched.see(moved, packet, self._world, self._seed or 0)
+            self._watched.see(moved, packet, self._cell.world, self._seed or 0)
 
     def _show(self, reached: Reached | None = None) -> None:
         if self._watched is not None:
             self._watched.show(reached)
 
     def _observe(self, packet: FtPacket) -> Array:
-        return self._feeling.feel(packet.force_n[-1], packet.torque_nm[-1], self._world.flange)
+        return self._feeling.feel(packet.force_n[-1], packet.torque_nm[-1], self._commanded)
 
     def _info(self, reached: Reached | None, move: Move | None = None) -> dict[str, Any]:
         """Return what an agent must not learn from, but who judges it may know; docs/python.md has the list."""
@@ -196,9 +203,9 @@ class PegInHole(gymnasium.Env[Array, Any]):
             "episode_number": self._episode,
             "decision": self._decisions,
             "moves": len(forces),
-            "contact": self._world.contact_state(),
-            "peg_mm_quat": np.array(self._world.peg),
-            "flange_mm_quat": np.array(self._world.flange),
+            "contact": self._cell.world.contact_state(),
+            "peg_mm_quat": np.array(self._cell.world.peg),
+            "flange_mm_quat": np.array(self._cell.world.flange),
             "force_n": forces[-1] if forces else 0.0,
             "mean_force_n": math.fsum(forces) / max(len(forces), 1),
             "peak_force_n": max(forces, default=0.0),

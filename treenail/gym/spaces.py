@@ -10,7 +10,7 @@ import numpy.typing as npt
 from gymnasium import spaces
 
 from services.sim.pose import Pose, rotation_vector
-from services.wire.actions import INSERT, Increment, increments
+from services.wire.actions import Increment, increments
 from services.wire.definition import Definition
 from services.wire.force_bound import ForceBound
 from services.wire.message_base import LARGEST_COMPONENT
@@ -40,8 +40,8 @@ class Feeling:
     def feel(self, force_n: Sequence[float], torque_nm: Sequence[float], commanded: Pose) -> Array:
         """Return the observation, shape (6 (history + 1) [+ 3],).
 
-        Force [N] and torque [N m], each shape (3,), in the tool frame; the tool's turn is a rotation vector [rad] from
-        the hole's axes, as commanded: an arm knows it.
+        Force [N] and torque [N m], each shape (3,), in the tool frame; the tool's turn is a rotation vector [rad] as
+        commanded: an arm knows it.
         """
         self._wrenches.appendleft((*force_n, *torque_nm))
         felt = [value for wrench in self._wrenches for value in wrench]
@@ -65,7 +65,7 @@ class ListedMoves:
 class AnyMoves:
     """Any increment within those of the list: every component from -1 to 1 is from its least to its greatest value.
 
-    -Z is never allowed: -1 stays, 1 is a whole step of insertion. What would add more force than the most forceful move
+    Along Z, where the list has no way back, -1 stays and 1 is a whole step of insertion. What would add more force than the most forceful move
     of the list is made shorter, all components alike: no arm would take it otherwise (docs/decisions/0011).
     """
 
@@ -77,14 +77,19 @@ class AnyMoves:
         self._bound = ForceBound(definition)
         self._unmoved_n = self._bound.added_n(Increment())
         self._half_step_mm = high[2] / 2
-        self._aside = next(number for number, row in enumerate(table) if row[2] == 0.0)
+        depths = [float(row[2]) for row in table]
+        aside = next((number for number, depth in enumerate(depths) if depth == 0.0), 0)
+        self._aside = aside
+        self._deeper = next((number for number, depth in enumerate(depths) if depth > 0.0), aside)
+        self._back = next((number for number, depth in enumerate(depths) if depth < 0.0), aside)
         size = len(self._axes)
         self.space = spaces.Box(-np.ones(size, np.float32), np.ones(size, np.float32), dtype=np.float32)
 
     def move(self, action: object) -> tuple[int, Increment | None]:
         """Return the increment, and the move of the list that it counts as.
 
-        With half a step of +Z or more it counts as one of insertion, for the reward and for the no-progress rule.
+        With half a step of +Z or more it counts as one of insertion, for the reward and for the no-progress rule; with
+        any of -Z as one back out.
         """
         parts = np.zeros(6)
         share = (np.asarray(action, dtype=np.float64) + 1.0) / 2.0
@@ -93,5 +98,6 @@ class AnyMoves:
         most_n = self._bound.largest_n - self._unmoved_n
         if added_n > most_n:
             parts *= most_n / added_n
-        counts_as = INSERT if parts[2] >= self._half_step_mm else self._aside
+        deeper, back = parts[2] >= self._half_step_mm > 0.0, parts[2] < 0.0
+        counts_as = self._deeper if deeper else self._back if back else self._aside
         return counts_as, Increment(*parts.tolist())

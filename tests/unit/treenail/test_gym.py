@@ -244,10 +244,10 @@ def test_what_cannot_be_is_refused(settings: dict[str, Any], complaint: str) -> 
 def test_a_wrong_action_is_refused_and_nothing_moves(action: object) -> None:
     env = environment()
     env.reset(seed=0)
-    before = env._world.flange
+    before = env._cell.world.flange
     with pytest.raises(gymnasium.error.InvalidAction, match=r"step: expected an action of Discrete\(9\), got "):
         env.step(action)
-    assert env._world.flange == before
+    assert env._cell.world.flange == before
     env.step(0)
 
 

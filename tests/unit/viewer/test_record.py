@@ -10,7 +10,8 @@ from msgspec import structs
 
 from services.rules.hole import standing
 from services.viewer import record
-from services.viewer.record import About, Bars, Item, Lines, Placement, Recorder, Series
+from services.viewer.recent import Pace, duration
+from services.viewer.record import About, Bars, Item, Lines, Placement, Push, Recorder, Series
 from services.wire.definition import Definition, Limits
 from services.wire.definition_world import Hole
 from services.wire.errors import BadPayloadError
@@ -284,3 +285,35 @@ def test_after_a_tilted_hole_an_upright_one_is_put_upright() -> None:
         recorder.truth(Truth(run=run, episode=0, step=1, flange=pose, peg=pose, contact=""))
         shown = {item.entity: item for item in recorder.flush(0, 9) if isinstance(item, Placement)}[record.HOLE]
         assert (shown.quaternion == (0.0, 0.0, 0.0, 1.0)) is (run == "r2")
+
+
+def test_the_time_that_is_left_is_told_at_the_pace_of_late() -> None:
+    pace = Pace()
+    assert pace.left(0, 0, 100) == "", "nobody can tell yet"
+    assert pace.left(2 * 10**9, 10, 100) == "18 s"
+    assert pace.left(9 * 10**9, 10, 100) == "18 s", "none came since"
+    assert pace.left(12 * 10**9, 20, 100) == "48 s"
+    assert pace.left(13 * 10**9, 100, 100) == ""
+    assert [duration(seconds) for seconds in (0.2, 99, 100, 5999, 11_100)] == [
+        "1 s",
+        "99 s",
+        "2 min",
+        "1 h 40 min",
+        "3 h 5 min",
+    ]
+
+
+def test_what_pushes_is_an_arrow_where_the_peg_is() -> None:
+    truth = Truth(run="r", episode=0, step=1, flange=(0, 0, 1, 1, 0, 0, 0), peg=(0, 0, 0.9, 1, 0, 0, 0), contact="")
+
+    def pushes(force_n: tuple[float, float, float], truly: bool = True) -> list[Push]:
+        recorder = Recorder()
+        recorder.ft(FtPacket(sequence=1, t_ns=1, force_n=((9.0, 9.0, 9.0), force_n), torque_nm=((0, 0, 0), (0, 0, 0))))
+        if truly:
+            recorder.truth(truth)
+        return [item for item in recorder.flush(0, 10**9) if isinstance(item, Push)]
+
+    assert pushes((2.0, 0.0, -1.0)) == [Push(10**9, (6.0, 0.0, -3.0), "2.2 N")]
+    assert pushes((0.0, 0.0, -40.0)) == [Push(10**9, (0.0, 0.0, -30.0), "40.0 N")]
+    assert pushes((0.01, 0.0, 0.0)) == [Push(10**9, None, "")]
+    assert pushes((2.0, 0.0, 0.0), truly=False) == [], "nobody knows where the peg of a real arm is"
