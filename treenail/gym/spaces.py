@@ -65,8 +65,9 @@ class ListedMoves:
 class AnyMoves:
     """Any increment within those of the list: every component from -1 to 1 is from its least to its greatest value.
 
-    Along Z, where the list has no way back, -1 stays and 1 is a whole step of insertion. What would add more force than the most forceful move
-    of the list is made shorter, all components alike: no arm would take it otherwise (docs/decisions/0011).
+    Along Z, where the list has no way back, -1 stays and 1 is a whole step of insertion. What would add more force than
+    the most forceful move of the list is made shorter, all components alike: no arm would take it otherwise
+    (docs/decisions/0011).
     """
 
     def __init__(self, definition: Definition) -> None:
