@@ -22,7 +22,7 @@ from services.bus.service import Service
 from services.rules.arrival import SensorClock
 from services.rules.guard import OLDEST_S, increment_of
 from services.rules.hold import Hold
-from services.rules.motions import ArmError, BusyError, DeadSensorError, Robot
+from services.rules.motions import ArmError, BusyError, DeadSensorError, Robot, require_tool_at_tip
 from services.wire.actions import Increment
 from services.wire.errors import RefusedError
 from services.wire.keys import FT, HOME, MOVE, RESUME, SENSORS
@@ -222,7 +222,8 @@ class RobotShell(Generic[S]):
         return self._clock.arrived(time.monotonic_ns(), time.time_ns(), settle_ns)
 
     def take_up(self, experiment: Experiment) -> None:
-        """Take up what runs."""
+        """Take up what runs. Raises GuardError for what no real arm can do."""
+        require_tool_at_tip(experiment.definition)
         self.robot = Robot(experiment.definition, experiment.run, self._manner.oldest_s)
         self._service.run = experiment.run
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from services.bus.ports import free_port
-from services.wire.definition import Definition, Sensor
+from services.wire.definition import SPREADS, Definition, Sensor
 from services.wire.errors import CellError
 
 LINKS = ("terminal", "supervisory")
@@ -50,12 +50,16 @@ def overrides(definition: Definition, profile: str = "hil") -> Sequence[str]:
     """Return what has to be set in a definition so that emulated hardware can give its forces, in whole counts.
 
     Raises CellError for start poses that do not reach the simulator to the last bit: the run would be another one.
+    Raises CellError, too, for rotations about another point than the tip.
     """
-    for name in ("xy_spread_mm", "tilt_spread_deg"):
+    for name in SPREADS:
         if spread := getattr(definition.start, name):
             raise CellError(
                 f"start.{name}: expected 0 with `treenail up {profile}`, its arm goes by steps of 0.0001, got {spread}"
             )
+    if centre_mm := definition.moves.rotation_centre_mm:
+        why = "its arm turns about the peg's tip"
+        raise CellError(f"moves.rotation_centre_mm: expected 0 with `treenail up {profile}`, {why}, got {centre_mm}")
     return () if definition.sensor.full_scale_n else FULL_SCALES
 
 

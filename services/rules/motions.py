@@ -150,6 +150,17 @@ class Robot:
             raise OtherRunError(f"robot: this cell runs {self.run}, got a motion of run {run}")
 
 
+def require_tool_at_tip(definition: Definition) -> None:
+    """Refuse what a real arm cannot do: its way to a start pose reckons with a TOOL whose origin is the peg's tip.
+
+    Raises:
+        GuardError: if rotations are meant about another point.
+    """
+    if centre_mm := definition.moves.rotation_centre_mm:
+        expected = "expected 0, as the arm's TOOL is set to the peg's tip"
+        raise GuardError(f"robot: moves.rotation_centre_mm: {expected}, got {centre_mm}")
+
+
 def _allow(complaint: str | None) -> None:
     if complaint is not None:
         raise GuardError(complaint)

@@ -26,6 +26,14 @@ from services.rules.skill import read
 
 EPISODES = 24
 """More than there are between two checkpoints."""
+ELSEWHERE = (
+    "parts.shape=triangle",
+    "hole.tilt_spread_deg=1",
+    "wrist.sensor_mount=unknown",
+    "moves.rotation_centre_mm=130",
+    "changes=[{episode=4, key='contact.friction', value=0.6}, {episode=4, key='parts.clearance_mm', value=0.3}]",
+)
+"""A world that is not as the task believes, and that becomes another."""
 SOON_S = 20.0
 """Less than what anything waits for when it is not told to stop."""
 
@@ -36,8 +44,9 @@ SOON_S = 20.0
         (7, ("start.x_mm=-1.2", "start.ry_deg=-0.6", "start.xy_spread_mm=0.1", "noise.force_n=0.02")),
         (1, ("learner.kind=sarsa", "policy.kind=epsilon_greedy")),
         (2, ("policy.kind=epsilon_annealed", "moves.actions=11")),
+        (3, ELSEWHERE),
     ],
-    ids=["another-pose", "sarsa", "annealed"],
+    ids=["another-pose", "sarsa", "annealed", "elsewhere"],
 )
 def test_a_cell_ends_as_the_run_in_one_process(
     up: Callable[..., Any],

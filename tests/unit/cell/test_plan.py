@@ -96,3 +96,8 @@ def test_a_temporary_cell_leaves_nothing() -> None:
         folder = cell.plan.out.parent
         assert cell.plan.logs.is_dir()
     assert not folder.exists()
+
+
+def test_emulated_hardware_turns_about_the_tip_only() -> None:
+    with pytest.raises(CellError, match=r"moves\.rotation_centre_mm: expected 0 with `treenail up hil`.*got 130"):
+        make_plan(NAME, overrides=["moves.rotation_centre_mm=130"], hardware=emulated())
