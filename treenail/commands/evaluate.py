@@ -7,6 +7,7 @@ import json
 from pathlib import Path
 
 from msgspec import to_builtins
+from rich import box
 from rich.table import Table
 
 from experiments.evaluate.figures import Figures
@@ -73,21 +74,23 @@ def act(arguments: argparse.Namespace) -> None:
         print(json.dumps({"experiment": definition.name, "methods": figures}))
         return
     console().print(
-        table(f"{definition.name}: {arguments.episodes} insertions with each of {len(seeds)} seeds", figures)
+        table(f"{definition.name}: {arguments.episodes} insertions with each seed of {len(seeds)}", figures)
     )
 
 
 def table(title: str, figures: dict[str, Figures]) -> Table:
     """Return the figures for people."""
-    rich_table = Table(title=title)
-    headings = ("method", "success", "force [N]", "peak [N]", "moves", "time [s]", "states")
+    rich_table = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD)
+    rich_table.pad_edge, rich_table.collapse_padding = False, True  # so that it fits 80 columns
+    headings = ("method", "success [%]", "force [N]", "peak [N]", "moves", "time [s]", "states")
     for heading in headings:
-        rich_table.add_column(heading, justify="left" if heading == "method" else "right")
+        name = heading == "method"
+        rich_table.add_column(heading, justify="left" if name else "right", no_wrap=not name, overflow="fold")
     for name, row in figures.items():
-        interval = f"({row['success_low']:.1%} to {row['success_high']:.1%})"
+        interval = f"({100 * row['success_low']:.1f} to {100 * row['success_high']:.1f})"
         rich_table.add_row(
             Path(name).name,
-            f"{row['success']:.1%} {interval}",
+            f"{100 * row['success']:.1f} {interval}",
             f"{row['force_n']:.2f}",
             f"{row['peak_force_n']:.2f}",
             f"{row['moves']:.0f}" if row["successes"] else "none",

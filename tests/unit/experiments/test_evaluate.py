@@ -16,6 +16,7 @@ from experiments.evaluate.frozen import FrozenSkill
 from experiments.evaluate.run import BASELINES, RULE, Method, evaluate
 from experiments.evaluate.trial import Trial, trial
 from experiments.lab.in_process import InProcessRun
+from experiments.leaderboard.methods import changed, methods
 from services.rules import skill as skill_file
 from services.rules.command_line import Parser
 from services.rules.skill import NamedSkill, SkillError
@@ -91,8 +92,13 @@ def test_a_frozen_skill_does_the_best_known_and_learns_nothing(learnt: NamedSkil
     assert first.states <= set(range(learnt.states + 1))
 
 
-def test_what_no_contact_state_fits_has_no_best_move(learnt: NamedSkill) -> None:
-    skill = FrozenSkill(learnt, load("suite-round", ["classifier.rho=0.999"]), 5)
+def test_what_no_contact_state_fits_has_no_best_move_in_a_table() -> None:
+    (table,) = methods(["table"])[:1]
+    definition = changed(ROUND, table)
+    run = InProcessRun(definition, 3)
+    list(run.episodes(12))
+    learnt = run.learnt()
+    skill = FrozenSkill(learnt, definition, 5)
     strange = [skill.decide(felt((0.0, 0.0, 5.0), (0.0, 0.0, 3.0), step)) for step in range(40)]
     assert {choice.state for choice in strange} == {learnt.states}
     assert len({choice.action for choice in strange}) > 3
@@ -144,7 +150,7 @@ def test_a_task_of_the_suite_can_be_tried(name: str) -> None:
     (summary,) = trial(task, ComplianceRule(task), 1, 1).episodes
     assert summary.decisions > 0
     assert task.noise.force_n > 0, "noise is on"
-    assert task.start.xy_spread_mm > 0, "starts are random"
+    assert task.start.xy_spread_mm > 0 or name.endswith("-start"), "starts are random"
 
 
 def said(capsys: pytest.CaptureFixture[str], *words: str) -> str:
