@@ -84,8 +84,8 @@ def table(title: str, figures: dict[str, Figures]) -> Table:
     rich_table.pad_edge, rich_table.collapse_padding = False, True  # so that it fits 80 columns
     headings = ("method", "success [%]", "force [N]", "peak [N]", "moves", "time [s]", "states")
     for heading in headings:
-        name = heading == "method"
-        rich_table.add_column(heading, justify="left" if name else "right", no_wrap=not name, overflow="fold")
+        first = heading == "method"
+        rich_table.add_column(heading, justify="left" if first else "right", no_wrap=not first, overflow="fold")
     for name, row in figures.items():
         interval = f"({100 * row['success_low']:.1f} to {100 * row['success_high']:.1f})"
         rich_table.add_row(
