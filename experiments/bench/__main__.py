@@ -19,6 +19,7 @@ SUMMARIES = {
     "query": "how long the agent takes to answer while it learns at full speed, and what that costs it",
     "sim": "moves a second: in free air, in contact, in whole episodes",
     "art2": "one classify-and-learn step",
+    "env": "steps a second of the Gymnasium environment, beside ManiSkill's and robosuite's where they are installed",
     "classifiers": "all that are installed: speed, agreement with the truth, and what is learnt with them",
     "learner": "updates a second, and one decision",
     "link": "the serial link to the controller without a port: DDCMP messages, moves by dialogue",
@@ -29,7 +30,7 @@ SUMMARIES = {
     "fleet": "several cells round one router and one store: what each costs, and that none disturbs another",
     "scale": "what many cells over regional routers would send, by calculation from what one cell was measured to",
 }
-WITH_ROUNDS = ("loop", "query", "sim", "art2", "classifiers", "learner", "link", "start", "cluster")
+WITH_ROUNDS = ("loop", "query", "sim", "art2", "classifiers", "learner", "link", "start", "cluster", "env")
 """Those that measure everything several times over."""
 MOST_MINUTES = 10_000
 MOST_CELLS = 64
@@ -79,6 +80,11 @@ def _measure(arguments: argparse.Namespace) -> dict[str, Value]:
     match arguments.bench:
         case "art2" | "sim" | "learner":
             return _part(arguments)
+        case "env":
+            from experiments.bench import env
+
+            rounds = arguments.rounds
+            return env.measure(arguments.experiment, arguments.set, arguments.steps, arguments.seed, rounds)
         case "link":
             from experiments.bench.link import link
 
@@ -167,8 +173,10 @@ def _parser() -> argparse.ArgumentParser:
     viewer.add_argument("--minutes", type=whole(1, 1440), default=5, metavar="M", help="length")
     viewer.add_argument("--memory-limit", default="256MB", metavar="SIZE", help="the viewer's")
     _add_long_ones(commands.choices)
-    for name in ("art2", "learner"):
-        commands.choices[name].add_argument("--steps", type=whole(1), default=5000, help="steps in a round")
+    for name in ("art2", "learner", "env"):
+        commands.choices[name].add_argument(
+            "--steps", type=whole(1), default=500 if name == "env" else 5000, help="steps in a round"
+        )
     return parser
 
 

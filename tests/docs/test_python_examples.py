@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import subprocess
@@ -65,3 +66,19 @@ def test_a_run_is_read_into_pandas(tmp_path: Path) -> None:
     assert table.to_dict("records") == results.table(), "read as it is, without a word on how"
     said = ran(tmp_path, EXAMPLES / "read_run.py", "run")
     assert "mean_force_n" in said and len(said.splitlines()) == 4
+
+
+def test_the_notebook_was_run_and_still_runs(tmp_path: Path) -> None:
+    pytest.importorskip("gymnasium", reason="the extra gym is not installed")
+    pytest.importorskip("matplotlib", reason="the extra cli is not installed")
+    cells = json.loads((EXAMPLES / "environment.ipynb").read_text())["cells"]
+    code = [cell for cell in cells if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in code] == list(range(1, len(code) + 1))
+    outputs = [output for cell in code for output in cell["outputs"]]
+    assert {output["output_type"] for output in outputs} == {"stream", "display_data"}, "no errors"
+    told = "".join("".join(output["text"]) for output in outputs if output["output_type"] == "stream")
+    script = tmp_path / "script.py"
+    script.write_text(
+        "import matplotlib\n\nmatplotlib.use('agg')\n" + "\n".join("".join(cell["source"]) for cell in code)
+    )
+    assert ran(tmp_path, script) == told

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import textwrap
 import time
 from dataclasses import dataclass, field
 
@@ -59,7 +60,7 @@ def act(arguments: argparse.Namespace) -> None:
         return
     console().print(table(title(seen), rows))
     for line in footnotes(rows):
-        print(line)
+        print(fitted(line, console().width))
     for swap in seen.experiment.swaps if seen.experiment is not None else ():
         print(f"swap {words(swap)}")
     if strangers := [str(row["service"]) for row in rows if row["contract_matches"] is False]:
@@ -189,6 +190,11 @@ def footnotes(rows: list[Row]) -> list[str]:
     alike = [f"{name} {said[0]}" for name in WHERE_THEY_DIFFER if len(said := _values_of(rows, name)) == 1]
     lines = [f"all: {one_line(', '.join(alike))}"] if alike else []
     return lines + [one_line(f"refused by {row['service']}: {row['refusals']}") for row in rows if row["refusals"]]
+
+
+def fitted(line: str, width: int) -> str:
+    """Return a line broken between words to fit so many columns; what goes on is set in."""
+    return textwrap.fill(line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
 
 
 def _values_of(rows: list[Row], name: str) -> list[str]:

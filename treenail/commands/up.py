@@ -85,6 +85,7 @@ def _run(cell: LocalCell, reporter: Reporter, progress: Progress, hurried: StopF
             _stay(cell, reporter)
         else:
             reporter.say(f"to ask the cell itself, let it stay: {_same_command()} --stay")
+            _say_what_is_left(cell.plan, reporter)
 
 
 class Watched:
@@ -239,7 +240,19 @@ def _stay(cell: LocalCell, reporter: Reporter) -> None:
             cell.mind()
             time.sleep(POLL_S)
     except KeyboardInterrupt:
-        return
+        _say_what_is_left(plan, reporter)
+
+
+def _say_what_is_left(plan: Plan, reporter: Reporter) -> None:
+    """Say what can be asked of the run when its cell is gone, and how."""
+    folder = str(plan.out)
+    reporter.say(f"without the cell, from what it left: {_command('checkpoint', 'list', '--store', folder)}")
+    for question in (
+        ("replay", "--store", folder),
+        ("export", folder, "--to", "parquet"),
+        ("video", folder, "OUT.gif"),
+    ):
+        reporter.say(f"or {_command(*question)}")
 
 
 def _command(*words: str) -> str:

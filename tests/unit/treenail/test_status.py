@@ -75,3 +75,11 @@ def test_what_was_refused_is_told_below() -> None:
     assert "refused by sim: 3 BadPayloadError, 400 StrangerError" in lines
     (line,) = (line for line in lines if line.split()[:1] == ["sim"])
     assert " 403 " in line
+
+
+def test_what_all_say_alike_fits_any_width_too() -> None:
+    last = shown(rows())[-1]
+    for width in (80, 140):
+        lines = status.fitted(last, width).splitlines()
+        assert all(len(line) <= width for line in lines)
+        assert " ".join(line.strip() for line in lines) == last
