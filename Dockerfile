@@ -35,18 +35,22 @@ RUN python3 needs.py "$SERVICE" numba >needs.txt \
     && python3 -m venv --without-pip /opt/treenail \
     && bin/pip --python /opt/treenail/bin/python install --quiet --require-hashes -r needs.txt \
     && find /opt/treenail -depth -type d -name tests -exec rm -r {} +
-# ART2's arithmetic as machine code: the image of the classifier is two thirds smaller without the compiler.
+# Arithmetic as machine code, ART2's and the felt model's: an image is two thirds smaller without the compiler.
 COPY services/classifier/art2_kernel.py services/classifier/compile_kernel.py services/classifier/
+COPY services/agent/felt_kernel.py services/agent/compile_kernel.py services/agent/
+COPY services/rules/compiled.py services/rules/
 RUN mkdir compiled \
-    && case "$SERVICE" in classifier|cli) \
+    && case "$SERVICE" in agent|classifier|cli) \
         python3 needs.py classifier >compiler.txt \
-        && bin/pip install --quiet --require-hashes -r compiler.txt \
-        && bin/python -m services.classifier.compile_kernel /build/compiled;; \
-    esac
+        && bin/pip install --quiet --require-hashes -r compiler.txt;; \
+    esac \
+    && case "$SERVICE" in classifier|cli) bin/python -m services.classifier.compile_kernel /build/compiled;; esac \
+    && case "$SERVICE" in agent|cli) bin/python -m services.agent.compile_kernel /build/compiled;; esac
 COPY services services
 COPY experiments experiments
 COPY treenail treenail
-RUN find compiled -name '*.so' -exec cp {} services/classifier/ \; \
+RUN find compiled -name 'art2*.so' -exec cp {} services/classifier/ \; \
+    && find compiled -name 'felt*.so' -exec cp {} services/agent/ \; \
     && bin/pip wheel --quiet --no-deps --no-build-isolation --wheel-dir dist . \
     && bin/pip --python /opt/treenail/bin/python install --quiet --no-deps dist/treenail-*.whl
 

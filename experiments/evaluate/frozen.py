@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from experiments.evaluate.controllers import Choice
 from services.agent.fold import learner_of
 from services.classifier.fold import classifier_of
-from services.rules.plugins import FeelingLearner
+from services.rules.plugins import feels
 from services.rules.skill import NamedSkill, fits
 from services.rules.swaps import in_force
 from services.rules.wrench import Reference
@@ -44,6 +44,6 @@ class FrozenSkill:
         except ValueError as error:
             raise UnusableError(f"observation: decision {felt.decision}: {error}") from error
         state = self._strange if state < 0 else state
-        if isinstance(self._learner, FeelingLearner):
+        if feels(self._learner):
             return Choice(self._learner.decide_felt(None, state, wrench, felt.episode, felt.step), state)
         return Choice(self._learner.decide(None, state, felt.episode, felt.step), state)

@@ -12,13 +12,13 @@ from services.agent.learning import Learner as TdLearner
 from services.rules import plugins
 from services.rules.entries import reward_in, state_in
 from services.rules.place import Place, split_place, with_place
-from services.rules.plugins import FeelingLearner, Learner, Lesson
+from services.rules.plugins import Learner, Lesson, Opinion, feels
 from services.rules.timeline import Timeline
 from services.rules.wrench import Reference, Wrench
 from services.wire.actions import repeatable
 from services.wire.definition import Definition, FeltModel, Plugin
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
-from services.wire.messages import Action, JournalEpisode, Reward, Skill, State, Swap
+from services.wire.messages import Action, Force, JournalEpisode, Reward, Skill, State, Swap, Torque
 
 _FORGOTTEN = "fold_forgotten"
 _NOTHING = Wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
@@ -133,6 +133,15 @@ class AgentFold:
         """True when nothing of an episode is under way, so that ``snapshot`` is complete."""
         return self.rewards == self.decisions and self._previous is None
 
+    def opinion(self, state: int, force_n: Force, torque_nm: Torque) -> Opinion | None:
+        """Return what a learner that feels thinks of each action at a sample as it is read; None of another learner.
+
+        Raises ValueError for numbers out of range.
+        """
+        if not feels(self.learner):
+            return None
+        return self.learner.opinion(state, self._reference.felt(force_n, torque_nm), self.episode)
+
     def replay(self, journal: JournalEpisode) -> None:
         """Fold what is new of a journal entry; raises like ``decide``, also when the actions differ."""
         for offset, step in enumerate(journal.steps):
@@ -182,21 +191,21 @@ class AgentFold:
     def _decide(self, state: State) -> int:
         """Return the learner's action. Raises ValueError."""
         learner, previous = self.learner, self._previous
-        if isinstance(learner, FeelingLearner):
+        if feels(learner):
             return learner.decide_felt(previous, state.state, self._felt(state), state.episode, state.step)
         lesson = None if previous is None else previous[:3]
         return learner.decide(lesson, state.state, state.episode, state.step)
 
     def _finish(self, lesson: Lesson) -> None:
         """Teach an episode's last decision. Raises ValueError."""
-        if isinstance(self.learner, FeelingLearner):
+        if feels(self.learner):
             self.learner.finish_felt(lesson)
         else:
             self.learner.finish(lesson[:3])
 
     def _lesson(self, state: State, action: Action, reward: Reward) -> Lesson:
         """Return what a decision led to."""
-        felt = self._felt(state) if isinstance(self.learner, FeelingLearner) else _NOTHING
+        felt = self._felt(state) if feels(self.learner) else _NOTHING
         return Lesson(state.state, action.action, reward.reward, felt, reward.terminal)
 
     def _felt(self, state: State) -> Wrench:

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from msgspec.structs import replace
+
 from services.agent.fold import AgentFold
 from services.agent.learning import MAX_STATES
 from services.bus.answers import Asked, Request, ft_vector, state_number
 from services.bus.relay import Relay
 from services.bus.service import Options, Service
 from services.bus.worker import Worker
+from services.rules.plugins import feels
 from services.wire.actions import action_names
 from services.wire.errors import BadPayloadError, RefusedError
 from services.wire.keys import ACTION, CLASSIFY, POLICY, Q_TABLE, REWARD, STATE
-from services.wire.messages import Action, Classified, Experiment, PolicyAnswer, QTable, Reward, State
+from services.wire.messages import Action, Classified, Experiment, Force, PolicyAnswer, QTable, Reward, State, Torque
 
 CLASSIFIER_WITHIN_S = 1.0
 """How long the classifier has for its part of a policy query: less than any client waits for ours."""
@@ -81,13 +84,14 @@ class AgentShell:
             return
         force_n, torque_nm = ft_vector(ft or "")
         text = ",".join(repr(component) for component in (*force_n, *torque_nm))
-        self.classifier.answer(asked, f"ft={text}", self._policy_of)
+        self.classifier.answer(asked, f"ft={text}", lambda classified: self._policy_of(classified, force_n, torque_nm))
 
-    def _policy_of(self, classified: Classified) -> PolicyAnswer:
+    def _policy_of(self, classified: Classified, force_n: Force, torque_nm: Torque) -> PolicyAnswer:
         run = self._worker.fold.run
         if classified.run != run:
             raise RefusedError(f"{CLASSIFY}: expected one of run {run}, got one of {classified.run}")
-        return policy(self._worker, classified.state, classified.match)
+        answer = policy(self._worker, classified.state, classified.match)
+        return with_opinion(self._worker.fold, answer, force_n, torque_nm)
 
     def _take(self, reward: Reward) -> None:
         if self._worker.fold.reward(reward) and reward.terminal is not None:
@@ -106,6 +110,7 @@ def q_table(worker: Worker[AgentFold]) -> QTable:
         visits=tuple(tuple(row) for row in learner.visits.tolist()),
         best_action=tuple(learner.best_action(state) for state in range(learner.states)),
         digest=learner.digest(),
+        partial=feels(learner),
     )
 
 
@@ -129,4 +134,26 @@ def policy(worker: Worker[AgentFold], state: int | None, match: float | None) ->
         probabilities=tuple(learner.chances(row, fold.episode).tolist()),
         visits=tuple(learner.visits[row].tolist()) if in_table else (0,) * len(actions),
         best_action=learner.best_action(row),
+        partial=feels(learner),
+    )
+
+
+def with_opinion(fold: AgentFold, answer: PolicyAnswer, force_n: Force, torque_nm: Torque) -> PolicyAnswer:
+    """Return an answer with what a learner that feels thinks at a sample, and why. Raises BadPayloadError."""
+    state = fold.learner.states if answer.state is None else answer.state
+    try:
+        opinion = fold.opinion(state, force_n, torque_nm)
+    except ValueError as error:
+        raise BadPayloadError(f"ft: {error}") from error
+    if opinion is None:
+        return answer
+    return replace(
+        answer,
+        values=tuple(opinion.values.tolist()),
+        probabilities=tuple(opinion.chances.tolist()),
+        best_action=int(opinion.values.argmax()),
+        partial=False,
+        model=tuple(opinion.model.tolist()),
+        table=tuple(opinion.table.tolist()),
+        deviations=tuple(opinion.deviation.tolist()),
     )

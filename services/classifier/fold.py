@@ -11,7 +11,7 @@ from services.classifier.art2 import Art2
 from services.rules import plugins
 from services.rules.entries import observation_in
 from services.rules.place import Place, split_place, with_place
-from services.rules.plugins import Classification, Classifier, ClassifierFullError, EpisodicClassifier
+from services.rules.plugins import Classification, Classifier, ClassifierFullError, hears
 from services.rules.timeline import Timeline
 from services.rules.wrench import Reference
 from services.wire.definition import Art2Settings, ClassifierSettings, Definition
@@ -126,7 +126,7 @@ class ClassifierFold:
 
     def _tell(self, observation: Observation) -> None:
         """Tell a classifier that hears it where in the episode it is."""
-        if isinstance(self.network, EpisodicClassifier):
+        if hears(self.network):
             if observation.previous_action is None:
                 self.network.begin()
             else:

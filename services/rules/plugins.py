@@ -7,8 +7,9 @@ names it with ``kind = "plugin"``. Only what is installed can be named: nothing 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
+from typing import NamedTuple, Protocol, TypeGuard, TypeVar
 
 import msgspec
 import numpy as np
@@ -89,7 +90,6 @@ class Classifier(Protocol):
         """Return a SHA-256 in hex: equal for equal memories."""
 
 
-@runtime_checkable
 class EpisodicClassifier(Classifier, Protocol):
     """A classifier whose states may know more than one vector: it hears where in an episode it is.
 
@@ -173,7 +173,6 @@ class Lesson(NamedTuple):
     """How the episode ended with it; None when another decision followed."""
 
 
-@runtime_checkable
 class FeelingLearner(Learner, Protocol):
     """A learner that is given what is felt beside its class; for one that has these methods the others are not called.
 
@@ -204,6 +203,22 @@ class Opinion(NamedTuple):
     """Standard deviation of the model's part."""
     chances: NDArray[np.float64]
     """Probability that the policy takes it."""
+
+
+def feels(learner: Learner) -> TypeGuard[FeelingLearner]:
+    """Return whether a learner is to be given what is felt."""
+    return _has(type(learner), ("decide_felt", "finish_felt", "opinion"))
+
+
+def hears(classifier: Classifier) -> TypeGuard[EpisodicClassifier]:
+    """Return whether a classifier is to be told where in an episode it is."""
+    return _has(type(classifier), ("begin", "took"))
+
+
+@cache
+def _has(kind: type, methods: tuple[str, ...]) -> bool:
+    """Return whether a class has these methods; asked at every decision, so it is looked up once."""
+    return all(callable(getattr(kind, name, None)) for name in methods)
 
 
 def installed(group: str) -> dict[str, EntryPoint]:

@@ -201,6 +201,7 @@ class Experiment(Message, frozen=True, kw_only=True):
 class QTable(Message, frozen=True, kw_only=True):
     """Reply to ``agent/q_table``: one row a state, one column an action."""
 
+    VERSION: ClassVar[int] = 2
     LARGEST_BYTES: ClassVar[int] = 1 << 22
 
     run: RunId
@@ -211,12 +212,14 @@ class QTable(Message, frozen=True, kw_only=True):
     visits: tuple[tuple[Count, ...], ...]
     best_action: tuple[Count, ...]
     digest: Sha256
+    partial: bool = False
+    """True where a felt model's part is added to these values, so that they alone decide nothing."""
 
 
 class PolicyAnswer(Message, frozen=True, kw_only=True):
     """Reply to ``agent/policy``: what the agent would do in one state, or when it feels one F/T vector."""
 
-    VERSION: ClassVar[int] = 2
+    VERSION: ClassVar[int] = 3
 
     run: RunId
     policy_version: Count
@@ -231,6 +234,14 @@ class PolicyAnswer(Message, frozen=True, kw_only=True):
     probabilities: tuple[Number, ...]
     visits: tuple[Count, ...]
     best_action: Count
+    partial: bool = False
+    """True where a felt model's part is missing from the values, because a state was asked for and no F/T vector."""
+    model: tuple[Number, ...] = ()
+    """Of a felt model, what each move is thought to earn at once: a part of its value; empty without one."""
+    table: tuple[Number, ...] = ()
+    """Of the same, what is thought to come after it: the other part."""
+    deviations: tuple[Number, ...] = ()
+    """Standard deviation of the model's part."""
 
 
 class ClassifierStates(Message, frozen=True, kw_only=True):

@@ -50,14 +50,21 @@ def act(arguments: argparse.Namespace) -> None:
 def table(answer: PolicyAnswer) -> Table:
     """Return a policy's answer for people; the best action is marked."""
     made = Table()
-    for heading in ("", "action", "value", "probability", "visits"):
+    parts = ("at once", "+-", "after it") if answer.model else ()
+    for heading in ("", "action", "value", *parts, "probability", "visits"):
         made.add_column(heading, justify="left" if heading == "action" else "right", no_wrap=True)
     rows = zip(answer.actions, answer.values, answer.probabilities, answer.visits, strict=True)
     for index, (action, value, probability, visits) in enumerate(rows):
         best = index == answer.best_action and answer.known
-        cells = (action, f"{value:.3f}", f"{probability:.4f}", str(visits))
+        why = _why(answer, index) if answer.model else ()
+        cells = (action, f"{value:.3f}", *why, f"{probability:.4f}", str(visits))
         made.add_row("best" if best else "", *cells, style="bold" if best else None)
     return made
+
+
+def _why(answer: PolicyAnswer, index: int) -> tuple[str, str, str]:
+    """Return what an action's value is made of: what it earns at once, how surely, and what comes after it."""
+    return f"{answer.model[index]:.3f}", f"{answer.deviations[index]:.3f}", f"{answer.table[index]:.3f}"
 
 
 def title(answer: PolicyAnswer) -> str:
@@ -65,4 +72,6 @@ def title(answer: PolicyAnswer) -> str:
     state = "no contact state known so far" if answer.state is None else f"contact state {answer.state}"
     match = "" if answer.match is None else f", match {answer.match:.4f}"
     remark = "" if answer.known else ", never decided in"
+    if answer.partial:
+        remark += "; only what comes after a move: ask with --ft what it is thought to earn at once, too"
     return f"{state}{match}{remark}\nrun {answer.run}, policy version {answer.policy_version}"

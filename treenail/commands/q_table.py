@@ -31,9 +31,10 @@ def act(arguments: argparse.Namespace) -> None:
 
 def table(answer: QTable) -> Table:
     """Return a Q-table for people; the value of the best action is bold."""
-    rows = Table(
-        title=f"Q-table of run {answer.run} after {answer.decisions} decisions (version {answer.policy_version})"
-    )
+    title = f"Q-table of run {answer.run} after {answer.decisions} decisions (version {answer.policy_version})"
+    if answer.partial:
+        title += "\nwhat comes after a move; what it earns at once is the felt model's part: treenail policy --ft ..."
+    rows = Table(title=title)
     for heading in ("state", "best", "visits", *answer.actions):
         rows.add_column(heading, justify="right", no_wrap=True)
     for state, (values, visits, best) in enumerate(zip(answer.q, answer.visits, answer.best_action, strict=True)):

@@ -1,4 +1,4 @@
-"""The kernel compiled ahead, for images without the compiler, gives the bits of the one compiled at run time."""
+"""The kernels compiled ahead, for images without the compiler, give the bits of those compiled at run time."""
 
 from __future__ import annotations
 
@@ -25,19 +25,42 @@ for settings in (Art2Settings(), Art2Settings(rho=0.99, encoding="split", when_f
     print(network.digest(), sum(answer.state for answer in answers), sum(answer.match for answer in answers))
 print("numba" in sys.modules, file=sys.stderr)
 """
+FEEL = """
+import sys
+import numpy as np
+for path in sys.argv[1:]:
+    import services.agent
+    services.agent.__path__.append(path)
+from services.agent.felt import FeltLearner
+from services.rules.plugins import Lesson
+from services.rules.wrench import Wrench
+from services.wire.definition import FeltModel, Moves, Thompson
+draw, previous, decided = np.random.default_rng(5), None, []
+subject = FeltLearner(Moves(), FeltModel(keep=0.999), Thompson(), 3)
+for step in range(2000):
+    fx, fy, fz, tx, ty, tz = draw.normal(size=6).tolist()
+    felt = Wrench((fx, fy, fz), (tx, ty, tz))
+    decided.append(subject.decide_felt(previous, step % 7, felt, 0, step))
+    previous = Lesson(step % 7, decided[-1], fx - fy, felt)
+print(subject.digest(), sum(decided))
+print("numba" in sys.modules, file=sys.stderr)
+"""
 
 
-def learn(*folders: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-c", LEARN, *map(str, folders)]
+def learn(program: str, *folders: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-c", program, *map(str, folders)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done
 
 
 @pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler here")
-def test_the_kernel_made_ahead_gives_the_same_bits_without_a_compiler(tmp_path: Path) -> None:
-    build = [sys.executable, "-m", "services.classifier.compile_kernel", str(tmp_path)]
+@pytest.mark.parametrize(("service", "program"), [("classifier", LEARN), ("agent", FEEL)])
+def test_the_kernel_made_ahead_gives_the_same_bits_without_a_compiler(
+    tmp_path: Path, service: str, program: str
+) -> None:
+    build = [sys.executable, "-m", f"services.{service}.compile_kernel", str(tmp_path)]
     subprocess.run(build, check=True, capture_output=True)
-    made_ahead, at_run_time = learn(tmp_path), learn()
+    made_ahead, at_run_time = learn(program, tmp_path), learn(program)
     assert made_ahead.stdout == at_run_time.stdout
     assert (made_ahead.stderr.strip(), at_run_time.stderr.strip()) == ("False", "True")

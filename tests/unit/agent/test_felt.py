@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from services.agent.felt import FeltLearner
-from services.rules.plugins import FeelingLearner, Lesson
+from services.rules.plugins import Lesson, feels
 from services.rules.wrench import Wrench
 from services.wire.definition import FeltModel, Greedy, Moves, NamedMove, Policy, Softmax, Thompson
 
@@ -50,7 +50,7 @@ def run(subject: FeltLearner, episodes: int, first: int = 0) -> list[int]:
 
 
 def test_it_is_a_learner_that_feels() -> None:
-    assert isinstance(learner(), FeelingLearner)
+    assert feels(learner())
 
 
 def test_what_a_move_earns_is_learnt_by_what_is_felt_also_where_it_never_was() -> None:
