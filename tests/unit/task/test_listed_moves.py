@@ -107,7 +107,7 @@ def packet(sequence: int = 0) -> FtPacket:
 def test_the_guard_takes_what_is_listed_and_nothing_else(changes: dict[str, float], passes: bool) -> None:
     guard = Guard(definition())
     guard.homed(Home(run=RUN, episode=0, x_mm=1.6, y_mm=-2.2, z_mm=-1.0, rx_deg=1.8, ry_deg=0.4, rz_deg=0.0))
-    complaint = guard.moving(Move(run=RUN, episode=0, step=1, **changes), packet(), 0.0)  # type: ignore[arg-type]
+    complaint = guard.moving(Move(run=RUN, episode=0, step=1, **changes), packet(), 0.0)
     assert (complaint is None) == passes, complaint
 
 
@@ -134,14 +134,9 @@ class Pressed:
                 policy_version=0,
             )
         )
-        shift = dict(
-            zip(
-                ("dx_mm", "dy_mm", "dz_mm", "rx_deg", "ry_deg", "rz_deg"),
-                increments(self.definition.moves)[action],
-                strict=True,
-            )
-        )
-        moved = Moved(run=RUN, episode=0, step=move.step, arrived_t_ns=0, **shift)
+        dx_mm, _, dz_mm, _, _, rz_deg = increments(self.definition.moves)[action]
+        assert (move.dx_mm, move.dz_mm, move.rz_deg) == (dx_mm, dz_mm, rz_deg)
+        moved = Moved(run=RUN, episode=0, step=move.step, arrived_t_ns=0, dx_mm=dx_mm, dz_mm=dz_mm, rz_deg=rz_deg)
         then = self.task.feel(moved, FORCE, TORQUE).then
         assert isinstance(then, Observation | EpisodeSummary)
         self.then = then
