@@ -50,6 +50,7 @@ COMMANDS = {
     "q-table": "print the agent's Q-table",
     "policy": "print what the agent would do in a state, or when it feels a force",
     "resume": "let the arm move again after a stop",
+    "tare": "measure a tool's weight and its sensor's noise in six poses",
     "swap": "change learner or classifier while a cell learns",
     "checkpoint": "list, show, export and import what was learnt",
     "evaluate": "say how good a skill is on a task, beside a hand-written rule",
@@ -161,6 +162,10 @@ def _module(name: str) -> Command:
             from treenail.commands import resume
 
             return resume
+        case "tare":
+            from treenail.commands import tare
+
+            return tare
         case "swap":
             from treenail.commands import swap
 

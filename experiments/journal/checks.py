@@ -16,6 +16,7 @@ from experiments.journal.magnitudes import Trouble, magnitude_troubles
 from services.task.rewards import Potential, end_reward, reward_of_move
 from services.wire.actions import guidance, increments
 from services.wire.definition import Definition, InsertionReward
+from services.wire.felt_noise import contact_force_n
 from services.wire.messages import EpisodeSummary, JournalStep
 
 _SAME_MM = 1e-9
@@ -41,8 +42,9 @@ def step_troubles(definition: Definition, steps: Sequence[JournalStep], index: i
     if step.step < least:
         yield Trouble("step", f"{least} or more", str(step.step))
     force_n = math.hypot(*step.force_n)
-    if not limits.contact_force_n <= force_n < limits.collision_force_n:
-        expected = f"a force from {limits.contact_force_n:g} to below {limits.collision_force_n:g} N"
+    contact_n = contact_force_n(definition)
+    if not contact_n <= force_n < limits.collision_force_n:
+        expected = f"a force from {contact_n:g} to below {limits.collision_force_n:g} N"
         yield Trouble("force_n", expected, f"{force_n:g} N")
 
 
@@ -91,7 +93,7 @@ def _moves_rewards(
     last, dz_mm = index == len(steps) - 1, _led_mm(definition, step)
     if isinstance(reward, InsertionReward) or dz_mm < 0.0:
         return frozenset({reward_of_move(reward, dz_mm, 1.0, 1.0)})
-    before_n, contact_n = math.hypot(*step.force_n), definition.limits.contact_force_n
+    before_n, contact_n = math.hypot(*step.force_n), contact_force_n(definition)
     if not last and steps[index + 1].step == step.step + 1:
         after_n = [math.hypot(*steps[index + 1].force_n)]
     elif not last or summary.moves > step.step + 1:

@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from services.wire.definition import Definition, InsertionReward
+from services.wire.felt_noise import contact_force_n
 from services.wire.messages import EpisodeSummary, JournalStep
 
 _ROUNDING = 1e-9
@@ -59,7 +60,7 @@ def magnitude_troubles(
     between = summary.moves - 1 - len(felt)
     if between < 0:
         return
-    below_contact_n = math.nextafter(definition.limits.contact_force_n, 0.0)
+    below_contact_n = math.nextafter(contact_force_n(definition), 0.0)
     last_n = _last_force_n(definition, steps, summary)
     forces_n, torques_nm = [math.hypot(*step.force_n) for step in felt], [math.hypot(*step.torque_nm) for step in felt]
     force = _Magnitude("force_n", forces_n, between, _Room(0.0, below_contact_n), last_n)

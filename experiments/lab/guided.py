@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple, Protocol
 
+from msgspec.structs import replace
+
+from services.rules.window import Load
 from services.task.insertion import Insertion
 from services.wire.messages import EpisodeSummary, FtPacket, Home, Move, Moved, Observation, Reward
 
@@ -29,7 +32,7 @@ class Reached(NamedTuple):
     """Of the decision before, now that it is due."""
     then: Observation | EpisodeSummary
     packet: FtPacket
-    """What was felt last; of it the task takes the newest sample."""
+    """What was felt last: one sample, what those of the window came to."""
 
 
 def make(task: Insertion, cell: Cell, motion: Home | Move, seen: Seen = lambda _moved, _packet: None) -> Reached:
@@ -39,8 +42,16 @@ def make(task: Insertion, cell: Cell, motion: Home | Move, seen: Seen = lambda _
     """
     while True:
         moved, packet = cell.home(motion) if isinstance(motion, Home) else cell.move(motion)
+        felt = task.sense(moved, packet)
+        packet = _of(packet, task.load)
         seen(moved, packet)
-        felt = task.feel(moved, packet.force_n[-1], packet.torque_nm[-1])
         if not isinstance(felt.then, Move):
             return Reached(felt.reward, felt.then, packet)
         motion = felt.then
+
+
+def _of(packet: FtPacket, load: Load) -> FtPacket:
+    """Return a packet with what its samples came to in their place."""
+    force_n, torque_nm = load
+    same = (packet.force_n, packet.torque_nm) == ((force_n,), (torque_nm,))
+    return packet if same else replace(packet, force_n=(force_n,), torque_nm=(torque_nm,))

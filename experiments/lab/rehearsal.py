@@ -109,7 +109,7 @@ class Rehearsal:
         decided: list[bool] = []
         moved, packet = self._cell.home(self._task.home(0, 0))
         while True:
-            then = self._task.feel(moved, packet.force_n[-1], packet.torque_nm[-1]).then
+            then = self._task.sense(moved, packet).then
             if isinstance(then, EpisodeSummary):
                 return Attempt(tuple(motions), tuple(decided), then)
             if isinstance(then, Observation):

@@ -26,6 +26,7 @@ from services.sim.world import Reading, World
 from services.task.rewards import reward_of_move
 from services.wire.actions import INSERT, increments
 from services.wire.definition import Definition, InsertionReward
+from services.wire.felt_noise import contact_force_n
 
 Advanced = Callable[[str, int, int], None]
 """Hears how the search gets on: stage, how much is done, of about how much."""
@@ -127,6 +128,7 @@ class _Beam:
         self._width = width
         self._world = Explorer(definition)
         self._increments = increments(definition.moves)
+        self._contact_n = contact_force_n(definition)
         self._success_mm = definition.limits.success_fraction * definition.parts.peg_height_mm
         self._finished: list[list[_Node]] = [[] for _ in AIMS]
 
@@ -159,7 +161,7 @@ class _Beam:
 
     def _children(self, node: _Node) -> Iterator[_Node]:
         """What can come after a position, as far as it does not end the episode badly."""
-        contact = node.force_n >= self._definition.limits.contact_force_n
+        contact = node.force_n >= self._contact_n
         for action in range(len(self._increments)) if contact else (INSERT,):
             if contact and node.motion == _opposite(action):
                 continue
@@ -185,7 +187,7 @@ class _Beam:
         snapshot = self._world.snapshot()
         to_go = (0.0,) * len(AIMS) if depth_mm >= self._success_mm else self._to_go(snapshot.flange)
         total = node.force_sum_n + force_n
-        idle = idle if force_n >= limits.contact_force_n else 0
+        idle = idle if force_n >= self._contact_n else 0
         return _Node(node, action, snapshot, force_n, depth_mm, cost, total, idle, to_go)
 
     def _to_go(self, flange: Pose) -> tuple[float, ...]:

@@ -103,6 +103,10 @@ class RobotShell(Generic[S]):
         """Who waits for it."""
         self.robot: Robot | None = None
         """None until it is known what runs."""
+        self._numb: str | None = None
+        """Why the sensor was not to be believed when it was looked at last."""
+        self._good = False
+        """Whether its samples could be used then."""
 
     def load(self) -> bool:
         """Learn from the task what runs; False when stopped meanwhile."""
@@ -121,6 +125,7 @@ class RobotShell(Generic[S]):
         service.answer_later(RESUME, self.on_resume)
         alive = False
         while not service.stopping:
+            self.watch_sensor()
             if link.ready and not alive:
                 alive = True
                 service.ready()
@@ -186,6 +191,8 @@ class RobotShell(Generic[S]):
         if not self._link.ready:
             raise ArmError(f"resume: expected the controller to be ready, it is not: {self._link.trouble}")
         stop = self.hold.resume(resume)
+        if self.robot is not None:
+            self.robot.resumed()
         if why:
             self._service.log.warning("somebody lets the arm move again after: %s", why)
         return stop
@@ -215,6 +222,21 @@ class RobotShell(Generic[S]):
             complaint = robot.pressing(packet)
             if complaint is not None:
                 self._link.give_up(ArmError(complaint))
+
+    def watch_sensor(self) -> None:
+        """Hold the arm when a sensor fails that was good, or is not to be believed any more."""
+        robot = self.robot
+        if robot is None:
+            return
+        numb = robot.numb()
+        if numb is not None and numb != self._numb:
+            robot.lost()  # the episode begins anew, with a zero of its own
+            self.hold.insist(numb, time.time_ns())
+        self._numb = numb
+        complaint = robot.sensing(time.monotonic_ns())
+        if complaint is not None and self._good:
+            self.hold.trouble(complaint, time.time_ns())
+        self._good = complaint is None
 
     def arrived_ns(self) -> int:
         """Return from when on samples show the motion that has just ended, in the sensor's time."""

@@ -49,8 +49,8 @@ def emulated(link: str = "terminal", *, thesis_speed: bool = False) -> Hil:
 def overrides(definition: Definition, profile: str = "hil") -> Sequence[str]:
     """Return what has to be set in a definition so that emulated hardware can give its forces, in whole counts.
 
-    Raises CellError for start poses that do not reach the simulator to the last bit: the run would be another one.
-    Raises CellError, too, for rotations about another point than the tip.
+    Raises CellError for what makes another run of it: start poses that do not reach the simulator to the last bit,
+    rotations about another point than the tip, and a window of several samples.
     """
     for name in SPREADS:
         if spread := getattr(definition.start, name):
@@ -60,6 +60,11 @@ def overrides(definition: Definition, profile: str = "hil") -> Sequence[str]:
     if centre_mm := definition.moves.rotation_centre_mm:
         why = "its arm turns about the peg's tip"
         raise CellError(f"moves.rotation_centre_mm: expected 0 with `treenail up {profile}`, {why}, got {centre_mm}")
+    if definition.sensor.window > 1:
+        expected = (
+            f"expected 1 with `treenail up {profile}`, whose emulated sensor shows one load until the next motion"
+        )
+        raise CellError(f"sensor.window: {expected}, got {definition.sensor.window}")
     return () if definition.sensor.full_scale_n else FULL_SCALES
 
 

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 
+from services.rules.window import unusable
 from services.rules.workspace import Workspace
 from services.wire.actions import Increment, guidance, increments
 from services.wire.definition import Definition
@@ -29,8 +30,6 @@ from services.wire.messages import FtPacket, Home, Move, Moved
 
 OLDEST_S = 0.1
 """Age of an F/T sample above which it says nothing about now, unless the guard is told another."""
-_UNUSABLE = ((0, "saturated"), (2, "lost"), (3, "changed"), (4, "not yet zeroed"))
-"""Bits of ``FtPacket.status`` with which the force is not known."""
 _ROUNDING = 1e-9
 _ONLY_HOME = "only home is taken"
 
@@ -96,9 +95,9 @@ class Guard:
         if not 0.0 <= age_s <= self._oldest_s:  # an age that is no number never passes
             expected = f"expected an F/T sample of 0 to {self._oldest_s} s ago"
             return f"guard: sensor: {expected}, got one of {age_s:.3f} s ago; {_ONLY_HOME}"
-        for bit, name in _UNUSABLE:
-            if felt.status >> bit & 1:
-                return f"guard: sensor: expected a usable F/T sample, got status {felt.status} ({name}); {_ONLY_HOME}"
+        why = unusable(felt.status)
+        if why is not None:
+            return f"guard: sensor: expected a usable F/T sample, got status {felt.status} ({why}); {_ONLY_HOME}"
         if not all(math.isfinite(value) for load in (*felt.force_n, *felt.torque_nm) for value in load):
             got = f"{felt.force_n[-1]} N and {felt.torque_nm[-1]} N m"
             return f"guard: sensor: expected a finite force and torque, got {got}; {_ONLY_HOME}"

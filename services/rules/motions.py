@@ -8,10 +8,9 @@ of one clock that does not go back: the monotonic one of the process, simulated 
 
 from __future__ import annotations
 
-import math
-
 from msgspec.structs import replace
 
+from services.rules.front_end import FrontEnd
 from services.rules.guard import OLDEST_S, Guard, increment_of
 from services.rules.senses import Senses, Taken
 from services.rules.touch import Touch
@@ -63,19 +62,27 @@ class Robot:
         self._guard = Guard(definition, oldest_s)
         self._hard_force_n = definition.limits.hard_force_n
         self._senses, self._touch = Senses(definition), Touch(definition)
+        self._front = FrontEnd(definition)
         self._last: Home | Move | None = None
         self._done: Moved | None = None
 
     def feel(self, packet: FtPacket, now_ns: int) -> Taken:
         """Take an F/T packet, and return what it is; the times of another source are not those before."""
         taken = self._senses.take(packet, now_ns)
+        if taken == "other":
+            self._front.began_anew()
         if taken != "old":
-            self._touch.feel(packet)
+            self._touch.feel(self._front.take(packet))
         return taken
 
     def feel_anew(self) -> None:
         """Take the next packet for new, whatever its number and time are."""
         self._senses.forget()
+        self._front.forget()
+
+    def resumed(self) -> None:
+        """Take note that somebody has looked: the next zero need not be near the one before."""
+        self._front.resumed()
 
     def home(self, home: Home) -> None:
         """Allow ``home``. Raises GuardError, OtherRunError."""
@@ -87,6 +94,7 @@ class Robot:
         self._guard.homed(home)
         self._senses.homed()
         self._touch.begin(home)
+        self._front.homed(home, arrived_t_ns)
         self._last = home
         self._done = Moved(run=home.run, episode=home.episode, step=0, arrived_t_ns=arrived_t_ns)
         return self._done
@@ -109,8 +117,14 @@ class Robot:
         if done is None or (move.episode, move.step) != (done.episode, done.step + 1):
             at = "not homed" if done is None else f"at episode {done.episode}, step {done.step}"
             raise OutOfOrderError(f"move: cannot make step {move.step} of episode {move.episode}: the robot is {at}")
-        _allow(self._guard.moving(move, self._senses.newest, self._senses.age_s(now_ns)))
-        numb = self._senses.dead() or self._touch.missing()
+        if self._front.waits:
+            raise GuardError(
+                "guard: tare: expected the zero of this episode to be taken before it moves, it is not yet"
+            )
+        numb = self._front.trouble
+        if numb is None:
+            _allow(self._guard.moving(move, self._front.felt, self._senses.age_s(now_ns)))
+            numb = self._senses.dead() or self._touch.missing()
         if numb is not None:
             raise DeadSensorError(numb)
 
@@ -122,6 +136,7 @@ class Robot:
         self._guard.moved(answer)
         self._senses.moved()
         self._touch.take(increment_of(answer))
+        self._front.moved(increment_of(answer))
         self._last, self._done = move, answer
         return answer
 
@@ -136,11 +151,15 @@ class Robot:
 
     def sensing(self, now_ns: int) -> str | None:
         """Return why nothing may move with what was felt last, or None."""
-        return self._guard.sensing(self._senses.newest, self._senses.age_s(now_ns))
+        return self._guard.sensing(self._front.felt, self._senses.age_s(now_ns)) or self._front.trouble
+
+    def numb(self) -> str | None:
+        """Return why the sensor is not to be believed before somebody has looked, or None."""
+        return self._front.trouble
 
     def pressing(self, felt: FtPacket) -> str | None:
         """Return why a motion that is under way has to be stopped, or None."""
-        force_n = max(math.hypot(*force) for force in felt.force_n)
+        force_n = self._front.greatest_n(felt)
         if force_n <= self._hard_force_n:
             return None
         return f"robot: expected at most {self._hard_force_n} N in a motion, got {force_n:.2f} N; told to abort"

@@ -16,6 +16,7 @@ from services.wire.actions import Increment
 from services.wire.cross_section import CrossSection
 from services.wire.definition import Definition
 from services.wire.definition_changes import phases
+from services.wire.felt_noise import contact_force_n
 from services.wire.messages import FtPacket, Home
 
 ASIDE_MM = 0.5
@@ -36,7 +37,7 @@ class Touch:
         self._chamfer_mm = max(settings.parts.chamfer_mm for settings in times)
         self._lean = math.tan(math.radians(sum(definition.hole.most_deg)))
         self._edge = _edge(self._section)
-        self._contact_n = definition.limits.contact_force_n
+        self._contact_n = contact_force_n(definition)
         # The tip gives way by the wrist's shift, by its turn about the sensor's point, and by the peg's own surface.
         soft = 1.0 / wrist.stiffness_n_per_mm + wrist.sensor_height_mm**2 / (1000.0 * wrist.stiffness_nm_per_rad)
         surfaces = [settings.contact.stiffness_n_per_mm for settings in times]

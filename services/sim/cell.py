@@ -9,24 +9,20 @@ nothing but ``home`` is taken then.
 
 from __future__ import annotations
 
-import math
-
-from services.rules.ft_counts import FtCounts
 from services.rules.guard import increment_of
 from services.rules.hole import standing
 from services.rules.motions import GuardError, Robot
 from services.sim.arm import Arm
-from services.sim.mount import Mount
 from services.sim.pose import Pose
+from services.sim.sensor import SimulatedSensor
 from services.sim.world import Reading, World
 from services.wire.actions import Increment
-from services.wire.definition import Definition, Sensor
+from services.wire.definition import Definition
 from services.wire.definition_changes import at_episode
-from services.wire.messages import Force, FtPacket, Home, Move, Moved, Torque
-from services.wire.randomness import Draws, Role
+from services.wire.messages import FtPacket, Home, Move, Moved
 
 MOTION_NS = 20_000_000
-"""Simulated time that one motion takes."""
+"""Simulated time that one motion takes; between two of them it stands still."""
 SATURATED = 1
 """Bit of ``FtPacket.status``."""
 _MOTIONS_PER_EPISODE = 2**17
@@ -41,13 +37,9 @@ class SimulatedCell:
         self._definition, self._seed = definition, seed
         self._settings = at_episode(definition, 0)
         """Those that the world was built with."""
-        noise = definition.noise
-        self._force_error_n, self._torque_error_nm = noise.scale * noise.force_n, noise.scale * noise.torque_nm
-        self._counts = _counts(definition.sensor)
-        self._arm = Arm(noise, seed)
-        self._mount = Mount(definition.wrist, seed)
+        self._arm = Arm(definition.noise, seed)
+        self._sensor = SimulatedSensor(definition, seed)
         self._robot = Robot(definition, run)
-        self._draws = Draws(seed, Role.SENSOR_NOISE)
         self._packet: FtPacket | None = None
         """Felt after the last motion."""
 
@@ -107,29 +99,13 @@ class SimulatedCell:
 
     def _felt(self, episode: int, step: int, reading: Reading) -> FtPacket:
         number = episode * _MOTIONS_PER_EPISODE + step
-        force_n, torque_nm = self._sense(reading, episode, step)
-        saturated = False
-        if self._counts is not None and all(map(math.isfinite, (*force_n, *torque_nm))):
-            force_n, torque_nm, saturated = self._counts.quantised(force_n, torque_nm)
-        status = SATURATED if saturated else 0
+        loads, saturated = self._sensor.samples(reading, self.world.flange, episode, step)
+        forces, torques = zip(*loads, strict=True)
         return FtPacket(
-            sequence=number, t_ns=number * MOTION_NS, status=status, force_n=(force_n,), torque_nm=(torque_nm,)
+            # Numbered by the last of them, so that none is numbered twice.
+            sequence=(number + 1) * self._sensor.most_samples - 1,
+            t_ns=number * MOTION_NS,
+            status=SATURATED if saturated else 0,
+            force_n=forces,
+            torque_nm=torques,
         )
-
-    def _sense(self, reading: Reading, episode: int, step: int) -> tuple[Force, Torque]:
-        force_error_n, torque_error_nm = self._force_error_n, self._torque_error_nm
-        force_n, torque_nm = self._mount.seen(reading.force_n), self._mount.seen(reading.torque_nm)
-        if force_error_n == 0.0 and torque_error_nm == 0.0:
-            return force_n, torque_nm
-        fx, fy, fz = force_n
-        tx, ty, tz = torque_nm
-        ex, ey, ez, ea, eb, ec = self._draws.at(episode, step).standard_normal(6).tolist()
-        force = (fx + force_error_n * ex, fy + force_error_n * ey, fz + force_error_n * ez)
-        return force, (tx + torque_error_nm * ea, ty + torque_error_nm * eb, tz + torque_error_nm * ec)
-
-
-def _counts(sensor: Sensor) -> FtCounts | None:
-    """Return the scale of a sensor that is read in counts, None for one that is read as it is."""
-    if sensor.full_scale_n == 0:
-        return None
-    return FtCounts("1", (sensor.full_scale_n,) * 3 + (sensor.full_scale_dnm,) * 3)

@@ -13,15 +13,20 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
+from services.rules.forces import Forces
+from services.rules.guard import increment_of
 from services.rules.swaps import fresh_at, known_in
+from services.rules.window import Load
 from services.task.rewards import Potential, end_reward, reward_of_move
 from services.wire.actions import Increment, guidance, increments
 from services.wire.definition import Definition
 from services.wire.errors import TreenailError
+from services.wire.felt_noise import contact_force_n
 from services.wire.messages import (
     Action,
     EpisodeSummary,
     Force,
+    FtPacket,
     Home,
     JournalEpisode,
     JournalStep,
@@ -32,6 +37,7 @@ from services.wire.messages import (
     Reward,
     Swap,
     Torque,
+    Zero,
 )
 from services.wire.randomness import Role, generator
 
@@ -77,6 +83,7 @@ class _Episode:
     sums: list[float] = field(default_factory=lambda: [0.0, 0.0])
     peaks: list[float] = field(default_factory=lambda: [0.0, 0.0])
     steps: list[JournalStep] = field(default_factory=list)
+    zeros: list[Zero] = field(default_factory=list)
     observation: Observation | None = None
     """Waits for an action."""
     acting: Action | None = None
@@ -96,6 +103,10 @@ class Insertion:
         self._increments = increments(definition.moves)
         self._potential = Potential(definition)
         self._success_mm = definition.limits.success_fraction * definition.parts.peg_height_mm
+        self._contact_n = contact_force_n(definition)
+        self._forces = Forces(definition)
+        self.load: Load = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        """What the newest samples came to: force [N] and torque [N m]."""
         self._now = self._blank(0, 0)
 
     def home(self, episode: int, first_decision: int, swaps: Sequence[Swap] = ()) -> Home:
@@ -110,7 +121,7 @@ class Insertion:
         low, high = -1.0, 1.0
         drawn = generator(self._seed, Role.START_POSE, episode, 0).uniform(low, high, size=5).tolist()
         dx, dy, rx, ry, rz = (half * part for half, part in zip(start.spreads, drawn, strict=True))
-        return Home(
+        home = Home(
             run=self._run,
             episode=episode,
             x_mm=start.x_mm + dx,
@@ -120,9 +131,34 @@ class Insertion:
             ry_deg=start.ry_deg + ry,
             rz_deg=start.rz_deg + rz,
         )
+        self._forces.home(home)
+        return home
+
+    def sense(self, moved: Moved, packet: FtPacket) -> Felt:
+        """Take the samples of the window after ``moved`` and say what follows.
+
+        Raises TareError when an episode cannot begin with them; nothing has been taken in then.
+        """
+        forces = self._forces
+        if moved.step == 0 and forces.tares:
+            self._now.zeros = [forces.tare(packet)]
+        if not forces.changes_nothing:
+            forces.moved(increment_of(moved))
+        self.load = forces.felt(packet)
+        return self.feel(moved, *self.load)
+
+    def tare_again(self, packet: FtPacket) -> None:
+        """Take samples at the start pose as the zero of all that is felt from now on: robot or sensor began anew.
+
+        Raises TareError.
+        """
+        zero = self._forces.tare(packet, self._now.moves)
+        before = self._now.zeros[-1] if self._now.zeros else zero
+        if (before.force_n, before.torque_nm) != (zero.force_n, zero.torque_nm):
+            self._now.zeros.append(zero)
 
     def feel(self, moved: Moved, force_n: Force, torque_nm: Torque) -> Felt:
-        """Take the F/T sample felt after ``moved`` and say what follows."""
+        """Take the force [N] and torque [N m] felt after ``moved`` and say what follows."""
         if moved.step != self._now.moves or self._now.observation is not None or self._now.summary is not None:
             raise TreenailError(
                 f"task: expected the reply to motion {self._now.moves}, got {moved.step} or a repetition"
@@ -136,7 +172,7 @@ class Insertion:
         outcome = self._outcome(force)
         if outcome is not None:
             return Felt(self._final_reward(pending, outcome), self._finish(outcome))
-        if force < self._definition.limits.contact_force_n:
+        if force < self._contact_n:
             self._now.pending = pending
             step = guidance(self._definition.moves)
             if self._deeper(step):
@@ -178,6 +214,7 @@ class Insertion:
             steps=tuple(self._now.steps),
             summary=self._now.summary,
             swaps=self._now.swaps,
+            zeros=tuple(self._now.zeros),
         )
 
     def expect_states(self, states: int) -> None:

@@ -3,37 +3,49 @@
 from __future__ import annotations
 
 import time
-from collections import deque
+from collections.abc import Callable
 
 from services.bus.service import Service
+from services.rules.forces import TareError
 from services.rules.senses import Freshness
+from services.rules.window import ANEW, Windows
+from services.wire.definition import Sensor
 from services.wire.keys import FT, HOME, MOVE, SENSORS
 from services.wire.messages import FtPacket, Home, Move, Moved, Refusal
 
 FELT_WITHIN_S = 0.5
+"""Besides twice the time of a window."""
+SLOWEST_HZ = 100
+"""Of a sensor whose rate is not stated."""
 RETRY_S = 0.05
 STOPPED_S = 0.25
 """Pause before a motion is asked for again that somebody has to let the arm make."""
-KEPT = 64
-"""Packets that are kept to find the one of a motion among."""
 
 
 class Robot:
-    """Homes and moves, one at a time, each followed by the F/T sample felt after it."""
+    """Homes and moves, one at a time, each followed by the F/T samples felt after it."""
 
-    def __init__(self, service: Service) -> None:
+    def __init__(self, service: Service, sensor: Sensor, tare_again: Callable[[FtPacket], None]) -> None:
+        """``tare_again`` takes samples at the start pose that a robot was brought back to; it may raise TareError."""
         self._service = service
         self._ask_home = service.asker(HOME, Moved)
         self._ask_move = service.asker(MOVE, Moved)
         self._motions: list[Home | Move] = []
-        self._felt: deque[FtPacket] = deque(maxlen=KEPT)
-        """The newest packets since a motion was asked for."""
+        self._windows = Windows(sensor)
+        self._tares, self._tare_again = sensor.tare_samples > 0, tare_again
+        self._anew = False
+        """Whether the sensor began anew since its zero was taken."""
+        samples = max(sensor.window, sensor.tare_samples)
+        self._within_s = FELT_WITHIN_S + 2.0 * (samples - 1) / (sensor.rate_hz or SLOWEST_HZ)
         self._fresh = Freshness()
         self._pause_s = RETRY_S
         service.subscribe(FT, FtPacket, self._on_ft, *SENSORS)
 
     def go(self, motion: Home | Move) -> tuple[Moved, FtPacket] | None:
-        """Make a motion and return what was applied and felt; tries as long as it takes, None only when stopped."""
+        """Make a motion and return what was applied, and the samples of the window after it.
+
+        Tries as long as it takes; None only when stopped.
+        """
         if isinstance(motion, Home):
             self._motions.clear()
         self._motions.append(motion)
@@ -47,11 +59,22 @@ class Robot:
             service.work_until(lambda: False, self._pause_s)
         return None
 
+    def wait(self, why: str) -> None:
+        """Say why nothing moves on, and wait a moment."""
+        service = self._service
+        service.phase = f"stopped: {why}"[:200]
+        service.complain(service.phase)
+        service.work_until(lambda: False, STOPPED_S)
+
     def _try(self, motion: Home | Move) -> tuple[Moved, FtPacket] | None:
         service = self._service
         answer = self._ask(motion)
-        if isinstance(answer, Refusal) and answer.reason == "out_of_order" and self._bring_back():
-            answer = self._ask(motion)
+        if isinstance(answer, Refusal) and answer.reason == "out_of_order":
+            try:
+                answer = self._ask(motion) if self._bring_back() else answer
+            except TareError as error:
+                service.phase = f"stopped: {error}"[:200]
+                return None
         stopped = isinstance(answer, Refusal) and answer.reason == "stopped"
         self._pause_s = STOPPED_S if stopped else RETRY_S
         if answer is None:
@@ -60,35 +83,54 @@ class Robot:
         if isinstance(answer, Refusal):
             service.phase = f"stopped: {answer.message}"[:200]
             return None
-        arrived = answer.arrived_t_ns
-        service.work_until(lambda: self._felt_after(arrived) is not None, FELT_WITHIN_S)
-        packet = self._felt_after(arrived)
-        if packet is None:
-            service.phase = "waiting for sensor (no F/T sample after a motion)"
+        felt = self._feel(answer.arrived_t_ns)
+        if felt is None:
+            service.phase = f"waiting for sensor ({self._windows.why or 'no F/T sample after a motion'})"[:200]
             return None
-        return answer, packet
+        return answer, felt
+
+    def _feel(self, arrived_t_ns: int) -> FtPacket | None:
+        """Return the samples of the window after an arrival, or None when they do not come."""
+        if self._anew:
+            self._windows.why = "it began anew since its zero was taken"
+            return None
+        felt: FtPacket | None = None
+
+        def all_there() -> bool:
+            nonlocal felt
+            felt = self._windows.after(arrived_t_ns)
+            return felt is not None
+
+        self._service.work_until(all_there, self._within_s)
+        return felt
 
     def _ask(self, motion: Home | Move) -> Moved | Refusal | None:
-        self._felt.clear()
+        at_home = isinstance(motion, Home)
+        self._windows.begin(at_home=at_home)
+        self._anew = self._anew and not at_home
         return self._ask_home(motion) if isinstance(motion, Home) else self._ask_move(motion)
 
     def _bring_back(self) -> bool:
-        """Repeat the episode's motions but the last, for a robot that lost its place; True when it has them all."""
-        self._service.log.warning("robot lost its place: repeating %d motions", len(self._motions) - 1)
-        return all(isinstance(self._ask(motion), Moved) for motion in self._motions[:-1])
+        """Repeat the episode's motions but the last, for a robot that lost its place; True when it has them all.
 
-    def _felt_after(self, arrived_t_ns: int) -> FtPacket | None:
-        """Return the newest packet that a motion shows in, or None so far.
-
-        A sample that is not one of a stream is the simulator's, of one motion, and has the time of its end. One of a
-        later time is then not news but late: it was sent before we were started again and began the episode anew.
+        Raises TareError.
         """
-        for packet in reversed(self._felt):
-            if packet.t_ns == arrived_t_ns or (packet.period_ns and packet.t_ns > arrived_t_ns):
-                return packet
-        return None
+        self._service.log.warning("robot lost its place: repeating %d motions", len(self._motions) - 1)
+        for motion in self._motions[:-1]:
+            answer = self._ask(motion)
+            if not isinstance(answer, Moved):
+                return False
+            if self._tares and isinstance(motion, Home):
+                felt = self._feel(answer.arrived_t_ns)
+                if felt is None:
+                    return False
+                self._tare_again(felt)
+        return True
 
     def _on_ft(self, packet: FtPacket) -> None:
         """Keep a packet; of a stream only one that is new."""
-        if packet.period_ns == 0 or self._fresh.take(packet, time.monotonic_ns()) != "old":
-            self._felt.append(packet)
+        taken = "new" if packet.period_ns == 0 else self._fresh.take(packet, time.monotonic_ns())
+        if taken != "old":
+            if self._tares and (taken == "other" or packet.status & ANEW):
+                self._anew = True
+            self._windows.take(packet)

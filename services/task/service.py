@@ -10,6 +10,7 @@ from services.bus.answers import Request
 from services.bus.inbox import HEARTBEAT_S
 from services.bus.service import Options, Service
 from services.bus.worker import NO_MEMORY
+from services.rules.forces import TareError
 from services.rules.swaps import planned
 from services.task.robot import Robot
 from services.task.run import TaskRun
@@ -68,7 +69,7 @@ class TaskShell:
         self._definition = definition
         self._skills = Skills(service, definition)
         self._now = TaskRun(service, definition, seed, None)
-        self._robot = Robot(service)
+        self._robot = Robot(service, definition.sensor, lambda packet: self._now.insertion.tare_again(packet))
         self._publish_observation = service.publisher(OBSERVATION, Observation)
         self._publish_reward = service.publisher(REWARD, Reward)
         self._publish_episode = service.publisher(EPISODE, EpisodeSummary)
@@ -162,7 +163,11 @@ class TaskShell:
             if felt_after is None:
                 return None
             moved, packet = felt_after
-            felt = insertion.feel(moved, packet.force_n[-1], packet.torque_nm[-1])
+            try:
+                felt = insertion.sense(moved, packet)
+            except TareError as error:
+                self._robot.wait(str(error))
+                continue
             if felt.reward is not None:
                 now.last_reward = felt.reward
                 self._publish_reward(felt.reward)

@@ -19,6 +19,10 @@ from services.wire.definition_base import Finite as Finite
 from services.wire.definition_base import Fraction as Fraction
 from services.wire.definition_base import NotNegative as NotNegative
 from services.wire.definition_base import Setting as Setting
+from services.wire.definition_forces import Calibration as Calibration
+from services.wire.definition_forces import Drift as Drift
+from services.wire.definition_forces import Sensor as Sensor
+from services.wire.definition_forces import Tool as Tool
 from services.wire.definition_learning import TD_LEARNERS as TD_LEARNERS
 from services.wire.definition_learning import Art2Settings as Art2Settings
 from services.wire.definition_learning import ClassifierSettings as ClassifierSettings
@@ -103,15 +107,6 @@ class Noise(Checked, frozen=True, kw_only=True):
     """The same along each axis that the motion is not commanded on."""
     turn_deg: Annotated[float, Meta(ge=0, le=1)] = 0.0
     """Standard deviation of the arm's rotation about each axis in a motion; not in the thesis."""
-
-
-class Sensor(Checked, frozen=True, kw_only=True):
-    """How finely the force/torque sensor is read: a receiver card gives whole counts of 1/16384 of its full scale."""
-
-    full_scale_n: Annotated[int, Meta(ge=0, le=32767)] = 0
-    """Full scale of each force component [N]; 0, with the other, for readings that are not rounded."""
-    full_scale_dnm: Annotated[int, Meta(ge=0, le=32767)] = 0
-    """Full scale of each torque component [0.1 N m], the metric unit of a JR3 receiver."""
 
 
 class Start(Checked, frozen=True, kw_only=True):
@@ -252,6 +247,9 @@ class Definition(Checked, frozen=True, kw_only=True):
     wrist: Wrist = Wrist()
     noise: Noise = Noise()
     sensor: Sensor = Sensor()
+    tool: Tool = Tool()
+    drift: Drift = Drift()
+    calibration: Calibration = Calibration()
     start: Start = Start()
     moves: Moves = Moves()
     limits: Limits = Limits()

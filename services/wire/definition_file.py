@@ -17,7 +17,7 @@ from typing import Any, get_args, get_type_hints
 
 import msgspec
 
-from services.wire.definition import Definition, Felt, Shaping
+from services.wire.definition import Calibration, Definition, Drift, Felt, Shaping, Tool
 from services.wire.definition_rules import contradiction
 from services.wire.errors import DefinitionError, TreenailError
 from services.wire.message_base import LONGEST_RUN
@@ -34,6 +34,15 @@ _LATER: Mapping[str, object] = {
     "changes": (),
     "hole": {"rx_deg": 0.0, "ry_deg": 0.0, "tilt_spread_deg": 0.0},
     "moves.rotation_centre_mm": 0.0,
+    "sensor.window": 1,
+    "sensor.rate_hz": 0,
+    "sensor.tare_samples": 0,
+    "sensor.tare_step_n": 1.0,
+    "sensor.tare_most_n": 5.0,
+    "sensor.contact_sigmas": 0.0,
+    "tool": msgspec.to_builtins(Tool()),
+    "drift": msgspec.to_builtins(Drift()),
+    "calibration": msgspec.to_builtins(Calibration()),
     "parts.peg_breadth_mm": 0.0,
     "start.x_spread_mm": 0.0,
     "start.y_spread_mm": 0.0,
@@ -53,7 +62,7 @@ _LATER: Mapping[str, object] = {
     "reward.success": 0.0,
     "reward.back": -3.0,
 }
-"""Keys that came later, as they are in plain types where all is as it was before there were such keys."""
+"""Keys and tables that came later, as they are in plain types where all is as it was before there were such keys."""
 _USUAL_KINDS = {"classifier": "art2", "learner": "q_learning"}
 """What these tables are when they do not say so."""
 _MAX_LINE = 1000

@@ -11,6 +11,7 @@ from services.wire.cross_section import Corner, CrossSection
 from services.wire.definition import Art2Settings, Definition, FeltModel, LearnerSettings, Moves, Plugin, Thompson
 from services.wire.definition_changes import phases
 from services.wire.force_bound import ForceBound
+from services.wire.force_rules import force_rules
 from services.wire.text import in_words
 
 _ROUNDING = 1e-9
@@ -41,6 +42,7 @@ def contradiction(definition: Definition) -> tuple[str, str] | None:
             "limits.contact_force_n",
             f"expected less than limits.collision_force_n = {limits.collision_force_n}, got {limits.contact_force_n}",
         ),
+        *force_rules(definition),
         (
             limits.collision_force_n < limits.hard_force_n,
             "limits.hard_force_n",

@@ -16,6 +16,7 @@ import math
 
 from services.wire.actions import Increment, guidance, increments
 from services.wire.definition import Definition
+from services.wire.felt_noise import sample_sigma_n
 
 SETTLING_N = 0.5
 """Allowance for what a pressed peg's force does when it settles anew, without a motion to cause it [N]."""
@@ -35,7 +36,9 @@ class ForceBound:
         turn = math.radians(noise.turn_deg)
         arm_n = math.hypot(self._per_mm * (shift_mm + self._lever_mm * turn), self._per_rad * turn)
         # Twice the sensor's: the reading before may be too low, the one after too high.
-        self._unsure_n = SURE * noise.scale * math.sqrt(arm_n**2 + 2.0 * noise.force_n**2) + SETTLING_N
+        # The zero's own error is in both, so that it adds nothing.
+        sensor_n = sample_sigma_n(definition) / math.sqrt(definition.sensor.window)
+        self._unsure_n = SURE * math.sqrt((noise.scale * arm_n) ** 2 + 2.0 * sensor_n**2) + SETTLING_N
         motions = (*increments(definition.moves), guidance(definition.moves))
         self.largest_n = max(map(self.added_n, motions))
         """The most that one of the experiment's actions adds [N]."""

@@ -10,6 +10,8 @@ LONGEST_RUN = 1_000_000
 """Episodes. The simulator's clock has room for 1.7 million of the longest, keys for a hundred million."""
 LONGEST_EPISODE = 100_000
 """Motions."""
+MOST_SAMPLES = 512
+"""Of the sensor, in one message and in one window."""
 MOST_STATES = 1_000_000
 MOST_ACTIONS = 64
 """Moves that an agent may choose from."""

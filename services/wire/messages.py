@@ -18,7 +18,7 @@ from msgspec import Meta, Struct
 from services.wire.agent_messages import PolicyAnswer as PolicyAnswer
 from services.wire.agent_messages import QTable as QTable
 from services.wire.definition import Definition
-from services.wire.message_base import MOST_SWAPS
+from services.wire.message_base import MOST_SAMPLES, MOST_SWAPS
 from services.wire.message_base import Count as Count
 from services.wire.message_base import Decision as Decision
 from services.wire.message_base import Degree as Degree
@@ -67,18 +67,20 @@ class LoopMessage(Message, frozen=True, kw_only=True):
 
 
 class FtPacket(Message, frozen=True, kw_only=True):
-    """Consecutive F/T samples, oldest first; one sample per motion from the simulator, several from a fast sensor."""
+    """Consecutive F/T samples, oldest first; those of one motion from the simulator, whatever comes from a sensor."""
+
+    VERSION: ClassVar[int] = 2
 
     sequence: Count
     """Number of the newest sample; a jump larger than the packet means that samples were lost."""
     t_ns: Nanoseconds
     """When the newest sample was taken."""
     period_ns: Annotated[int, Meta(ge=0, le=10**10)] = 0
-    """Time between samples, 0 for a single one."""
+    """Time between samples; 0 for a single one, and for those of the simulator, whose time stands still."""
     status: Annotated[int, Meta(ge=0, le=0xFFFF)] = 0
     """0 is good. Bit 0 saturated, 1 near saturation, 2 sensor lost, 3 sensor changed, 4 not yet zeroed."""
-    force_n: Annotated[tuple[Force, ...], Meta(min_length=1, max_length=64)]
-    torque_nm: Annotated[tuple[Torque, ...], Meta(min_length=1, max_length=64)]
+    force_n: Annotated[tuple[Force, ...], Meta(min_length=1, max_length=MOST_SAMPLES)]
+    torque_nm: Annotated[tuple[Torque, ...], Meta(min_length=1, max_length=MOST_SAMPLES)]
 
 
 PoseNumbers = tuple[Number, Number, Number, Number, Number, Number, Number]
@@ -179,7 +181,7 @@ class EpisodeSummary(Message, frozen=True, kw_only=True):
 class Experiment(Message, frozen=True, kw_only=True):
     """Reply to ``experiment``: what runs, and how far it is."""
 
-    VERSION: ClassVar[int] = 7
+    VERSION: ClassVar[int] = 8
     LARGEST_BYTES: ClassVar[int] = 1 << 20
 
     run: RunId
@@ -228,7 +230,7 @@ class Classified(Message, frozen=True, kw_only=True):
 class RunRecord(Message, frozen=True, kw_only=True):
     """``journal/<run>/run``: what the run is; its presence proves that the store knows the run."""
 
-    VERSION: ClassVar[int] = 6
+    VERSION: ClassVar[int] = 7
     LARGEST_BYTES: ClassVar[int] = 1 << 20
 
     run: RunId
@@ -251,10 +253,21 @@ class JournalStep(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     reward: Number | None = None
 
 
+class Zero(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """What a sensor showed in the air: it is taken from all that is felt from a step on."""
+
+    step: Step
+    """Motions made before it is in force: 0, or more where the sensor began anew within the episode."""
+    force_n: Force
+    torque_nm: Torque
+    sigma_n: Annotated[float, Meta(ge=0, le=1e6)]
+    """Standard deviation of its samples, of a force component."""
+
+
 class JournalEpisode(Message, frozen=True, kw_only=True):
     """``journal/<run>/<block>/<episode>`` and ``task/steps``: all decisions of one episode, in order."""
 
-    VERSION: ClassVar[int] = 2
+    VERSION: ClassVar[int] = 3
     LARGEST_BYTES: ClassVar[int] = 1 << 24
 
     run: RunId
@@ -265,6 +278,8 @@ class JournalEpisode(Message, frozen=True, kw_only=True):
     """None while the episode is under way."""
     swaps: SwapCount = 0
     """Swaps in force in this episode."""
+    zeros: Annotated[tuple[Zero, ...], Meta(max_length=1000)] = ()
+    """What was taken from the samples, where the definition asks for a tare."""
 
 
 class Checkpoint(Message, frozen=True, kw_only=True):
@@ -286,7 +301,7 @@ class Skill(Message, frozen=True, kw_only=True):
     It is named by the SHA-256 of its encoded bytes.
     """
 
-    VERSION: ClassVar[int] = 6
+    VERSION: ClassVar[int] = 7
     LARGEST_BYTES: ClassVar[int] = 1 << 24
 
     run: RunId

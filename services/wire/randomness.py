@@ -19,6 +19,8 @@ class Role(IntEnum):
     ARM_ERROR = 4
     SENSOR_MOUNT = 5
     HOLE_TILT = 6
+    SENSOR_ZERO = 7
+    ZERO_WALK = 8
 
 
 class Draws:

@@ -46,7 +46,20 @@ def usable(definition: Definition) -> Definition:
     usual = Definition(name="usual")
     found = contradiction(definition)
     named = () if found is None else (found[0].partition(".")[0],)
-    for section in (*named, "limits", "start", "parts", "contact", "moves", "wrist", "noise", "sensor", "classifier"):
+    for section in (
+        *named,
+        "limits",
+        "start",
+        "parts",
+        "contact",
+        "moves",
+        "wrist",
+        "noise",
+        "sensor",
+        "calibration",
+        "tool",
+        "classifier",
+    ):
         if contradiction(definition):
             definition = msgspec.structs.replace(definition, **{section: getattr(usual, section)})
     return definition

@@ -52,6 +52,11 @@ def test_emulated_hardware_stands_in_for_the_simulator_which_has_a_world_of_its_
     assert plan.definition.sensor.full_scale_n == 200
 
 
+def test_emulated_hardware_refuses_a_window_that_its_card_cannot_show() -> None:
+    with pytest.raises(CellError, match=r"sensor\.window: expected 1 with `treenail up hil`.*got 8"):
+        make_plan(NAME, overrides=["sensor.window=8"], hardware=emulated())
+
+
 def test_the_run_directory_is_named_by_all_that_makes_the_run() -> None:
     plain, swapped = make_plan(NAME, seed=2), make_plan(NAME, seed=2, swaps=["20:agent:learner=sarsa"])
     assert plain.out.name.endswith("-s2")

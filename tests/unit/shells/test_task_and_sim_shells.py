@@ -106,6 +106,15 @@ def test_the_run_is_the_one_in_a_process(definition: Definition, expected: list[
     assert not task.refused
 
 
+def test_a_run_with_a_window_of_samples_is_the_one_in_a_process(definition: Definition) -> None:
+    noise = replace(definition.noise, force_n=0.1, torque_nm=0.01)
+    windowed = replace(definition, noise=noise, sensor=replace(definition.sensor, window=16))
+    task, _ = run_task(windowed)
+    task.run_for(lambda service: work(service, windowed, SEED, EPISODES), 60.0)
+    assert task.published(EpisodeSummary) == list(InProcessRun(windowed, SEED).episodes(EPISODES))
+    assert not task.refused
+
+
 def test_what_is_lost_is_said_again(definition: Definition, expected: list[EpisodeSummary]) -> None:
     task, others = run_task(definition)
     lost: set[object] = set()

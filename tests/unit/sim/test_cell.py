@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from services.wire.actions import Increment, increments
 from services.wire.codec import encode
 from services.wire.definition import Contact, Definition, Limits, Moves, Noise, Parts, Sensor, Start
 from services.wire.definition_file import load
+from services.wire.definition_rules import contradiction
 from services.wire.definition_world import Change, Hole
 from services.wire.errors import RefusedError
 from services.wire.messages import FtPacket, Home, Move, Moved
@@ -450,3 +452,56 @@ def test_a_world_that_remembers_forgets_other_parts() -> None:
     remembering, plain = SimulatedCell(WEARING, RUN, 0, RememberedWorld(WEARING)), cell(WEARING)
     for episode in (0, 1, 2, 2, 4, 0):
         assert made(remembering, 8, episode) == made(plain, 8, episode)
+
+
+# -- a window of samples -------------------------------------------------------------------------------------------
+
+
+def windowed(settings: Definition, samples: int) -> Definition:
+    return replace(settings, sensor=replace(settings.sensor, window=samples))
+
+
+def test_a_window_has_the_noise_of_that_many_samples() -> None:
+    settings = windowed(noisy(FREE, force_n=0.5, torque_nm=0.25), 5)
+    robot = cell(settings, seed=6)
+    for episode in (0, 3):
+        answers = [robot.home(home(episode, FREE)), *(robot.move(down(step, episode)) for step in (1, 2))]
+        for step, (moved, packet) in enumerate(answers):
+            draw = generator(6, Role.SENSOR_NOISE, episode, step).standard_normal((5, 6))
+            assert np.array_equal(np.array(packet.force_n), 0.5 * draw[:, :3])
+            assert np.array_equal(np.array(packet.torque_nm), 0.25 * draw[:, 3:])
+            assert packet.t_ns == moved.arrived_t_ns
+            assert packet.period_ns == 0
+
+
+def test_samples_of_windows_are_numbered_without_gaps_within_an_episode() -> None:
+    robot = cell(windowed(FREE, 7))
+    packets = [robot.home(home(2, FREE))[1], *(robot.move(down(step, 2))[1] for step in (1, 2, 3))]
+    assert {len(packet.force_n) for packet in packets} == {7}
+    assert {after.sequence - before.sequence for before, after in pairwise(packets)} == {7}
+
+
+def test_a_window_of_a_sensor_read_in_counts_is_of_counts() -> None:
+    counted = noisy(replace(FREE, sensor=Sensor(full_scale_n=200, full_scale_dnm=120, window=3)), force_n=0.5)
+    _, packet = cell(counted).home(home(0, FREE))
+    assert len(set(packet.force_n)) == 3
+    for force in packet.force_n:
+        for value in force:
+            assert value == round(value * 16384 / 200) * 200 / 16384
+
+
+def test_the_guard_goes_by_the_mean_of_a_window() -> None:
+    """Single samples far above the force of a collision, a mean near nothing."""
+    settings = windowed(noisy(FREE, force_n=5.0), 400)
+    settings = replace(settings, limits=Limits(collision_force_n=4.0, hard_force_n=20.0))
+    robot = cell(settings)
+    _, packet = robot.home(home(0, FREE))
+    assert math.hypot(*packet.force_n[-1]) > 4.0
+    for step in range(1, 20):
+        robot.move(down(step))
+
+
+def test_a_longer_window_lets_a_lower_hard_limit_do() -> None:
+    rough = replace(SETTINGS, noise=Noise(force_n=1.0))
+    assert contradiction(rough) is not None
+    assert contradiction(windowed(rough, 64)) is None

@@ -482,3 +482,8 @@ def test_a_key_that_came_later_is_left_out_of_the_hash_where_it_says_what_was_do
         table, _, name = key.rpartition(".")
         assert (fields[table] if table else fields).pop(name) == value, key
     assert definition_sha256(before) == hashlib.sha256(msgspec.json.encode(fields, order="sorted")).hexdigest()
+
+
+def test_a_run_from_before_windows_of_samples_keeps_its_name() -> None:
+    assert run_id(load("initial", ("sensor.window=1", "sensor.rate_hz=0")), 0) == "2adc2fda3e14bee3-s0"
+    assert run_id(load("initial", ("sensor.window=2",)), 0) != "2adc2fda3e14bee3-s0"
