@@ -70,7 +70,7 @@ def test_a_shipped_definition_loads_under_its_own_name(name: str) -> None:
 
 @pytest.mark.parametrize("name", shipped())
 def test_a_shipped_definition_has_noise_and_one_key_switches_it_off(name: str) -> None:
-    force_n, torque_nm = (1.0, 0.07) if name == "suite-noisy" else (0.04, 0.0027)
+    force_n, torque_nm = (1.0, 0.07) if name in ("suite-noisy", "suite-heavy-tool") else (0.04, 0.0027)
     assert load(name).noise == Noise(force_n=force_n, torque_nm=torque_nm, along_mm=0.025, across_mm=0.021)
     assert load(name, ["noise.scale=0"]).noise.scale == 0.0
 
