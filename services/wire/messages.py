@@ -18,7 +18,7 @@ from msgspec import Meta, Struct
 from services.wire.agent_messages import PolicyAnswer as PolicyAnswer
 from services.wire.agent_messages import QTable as QTable
 from services.wire.definition import Definition
-from services.wire.message_base import MOST_SAMPLES, MOST_SWAPS
+from services.wire.message_base import MOST_SWAPS
 from services.wire.message_base import Count as Count
 from services.wire.message_base import Decision as Decision
 from services.wire.message_base import Degree as Degree
@@ -47,6 +47,8 @@ from services.wire.robot_messages import Move as Move
 from services.wire.robot_messages import Moved as Moved
 from services.wire.robot_messages import Resume as Resume
 from services.wire.robot_messages import Stop as Stop
+from services.wire.sensor_messages import FtPacket as FtPacket
+from services.wire.sensor_messages import Zero as Zero
 from services.wire.swap_messages import Swap as Swap
 from services.wire.swap_messages import Swapped as Swapped
 from services.wire.swap_messages import SwapRequest as SwapRequest
@@ -64,23 +66,6 @@ class LoopMessage(Message, frozen=True, kw_only=True):
     decision: Decision
     swaps: SwapCount = 0
     """Swaps in force in this episode: a worker that knows of fewer sees at once that it missed one."""
-
-
-class FtPacket(Message, frozen=True, kw_only=True):
-    """Consecutive F/T samples, oldest first; those of one motion from the simulator, whatever comes from a sensor."""
-
-    VERSION: ClassVar[int] = 2
-
-    sequence: Count
-    """Number of the newest sample; a jump larger than the packet means that samples were lost."""
-    t_ns: Nanoseconds
-    """When the newest sample was taken."""
-    period_ns: Annotated[int, Meta(ge=0, le=10**10)] = 0
-    """Time between samples; 0 for a single one, and for those of the simulator, whose time stands still."""
-    status: Annotated[int, Meta(ge=0, le=0xFFFF)] = 0
-    """0 is good. Bit 0 saturated, 1 near saturation, 2 sensor lost, 3 sensor changed, 4 not yet zeroed."""
-    force_n: Annotated[tuple[Force, ...], Meta(min_length=1, max_length=MOST_SAMPLES)]
-    torque_nm: Annotated[tuple[Torque, ...], Meta(min_length=1, max_length=MOST_SAMPLES)]
 
 
 PoseNumbers = tuple[Number, Number, Number, Number, Number, Number, Number]
@@ -251,17 +236,6 @@ class JournalStep(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     action: Annotated[int, Meta(ge=0, le=63)] | None = None
     policy_version: Count | None = None
     reward: Number | None = None
-
-
-class Zero(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What a sensor showed in the air: it is taken from all that is felt from a step on."""
-
-    step: Step
-    """Motions made before it is in force: 0, or more where the sensor began anew within the episode."""
-    force_n: Force
-    torque_nm: Torque
-    sigma_n: Annotated[float, Meta(ge=0, le=1e6)]
-    """Standard deviation of its samples, of a force component."""
 
 
 class JournalEpisode(Message, frozen=True, kw_only=True):
