@@ -35,6 +35,7 @@ SERVICES = {
     "sensor_jr3": "a JR3 force/torque sensor",
     "robot_link": "an arm behind a VAL II controller",
     "robot_ur": "an arm of Universal Robots",
+    "sensor_rdt": "an ATI Net F/T, an Axia or an OnRobot HEX",
     "task": "one insertion task",
     "classifier": "F/T vectors to contact states (ART2)",
     "agent": "contact states to moves (Q-learning, SARSA)",

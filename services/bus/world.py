@@ -34,6 +34,8 @@ from services.wire.messages import Experiment, FtPacket, Home, Message, Move, Mo
 
 _ANSWER_S = 2.0
 _TRIES, _PAUSE_S = 5, 0.1
+_WITHDRAWN_MM = 5.0
+"""A step so far back is no action, but the way home."""
 _OnSample: TypeAlias = "Callback[zenoh.Sample]"
 _OnQuery: TypeAlias = "Callback[zenoh.Query]"
 
@@ -176,7 +178,7 @@ class Peg:
         motion: Home | Move | None = None
         if self._at_start:
             motion = self._home(increment, episode)
-        elif self._motions and increment.dz_mm >= 0.0:
+        elif self._motions and increment.dz_mm > -_WITHDRAWN_MM:
             motion = self._move(increment, number)
         self._at_start = False
         if motion is None:

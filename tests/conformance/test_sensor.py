@@ -30,7 +30,7 @@ from services.wire.messages import Alive, FtPacket
 KNOWN_STATUS = 0b11111
 UNUSABLE = {0: "saturated", 2: "lost", 3: "changed", 4: "not yet zeroed"}
 KEYS = Keys("a")
-RIGS = ("sim", "jr3", "ur-wrist")
+RIGS = ("sim", "jr3", "rdt", "ur-wrist")
 
 
 @dataclass
@@ -135,6 +135,33 @@ def jr3(bus: Bus, small: Path, folder: Path) -> Rig:
     return Rig("sensor_jr3", start, lambda _: press(url, "pull", 1), mend)
 
 
+def rdt(bus: Bus, small: Path, folder: Path) -> Rig:
+    """The RDT driver on its emulated box, whose records stop."""
+    address = arm().address
+    emulator = bus.run_module("services.sensor_rdt.emulator", "--listen", address, "--load", "1,2,3,0.1,0.2,0.3")
+    bus.wait_until("the emulator listens", lambda: "panel on" in emulator.out)
+    (page,) = re.findall(r"page (\d+)", emulator.out)
+    (port,) = re.findall(r"panel on 127\.0\.0\.1:(\d+)", emulator.out)
+    started: list[Any] = []
+
+    def start() -> Any:
+        started.append(bus.start("sensor_rdt", "--box", address, "--page-port", page))
+        return started[-1]
+
+    def mend() -> Any:
+        push(port, "silent 0")
+        return started[-1]
+
+    return Rig("sensor_rdt", start, lambda _: push(port, "silent 1"), mend, "running.*")
+
+
+def push(port: str, line: str) -> None:
+    """Have the panel of an emulator do something."""
+    with socket.create_connection(("127.0.0.1", int(port))) as panel:
+        panel.sendall(line.encode() + b"\n")
+        assert panel.recv(100) == b"done\n"
+
+
 def ur_wrist(bus: Bus, small: Path, folder: Path) -> Rig:
     """The wrist of the UR arm on its emulated controller, whose cable is pulled."""
     pytest.importorskip("rtde_control", reason="pip install '.[robot_ur]'")
@@ -145,11 +172,6 @@ def ur_wrist(bus: Bus, small: Path, folder: Path) -> Rig:
     bus.start("store", "--file", str(folder / "store.sqlite"))
     bus.start("task", "--experiment", str(small), "--episodes", "5000", "--seed", "1")
 
-    def push(line: str) -> None:
-        with socket.create_connection(("127.0.0.1", int(port))) as panel:
-            panel.sendall(line.encode() + b"\n")
-            assert panel.recv(100) == b"done\n"
-
     started: list[Any] = []
 
     def start() -> Any:
@@ -157,15 +179,15 @@ def ur_wrist(bus: Bus, small: Path, folder: Path) -> Rig:
         return started[-1]
 
     def mend() -> Any:
-        push("pull 0")
+        push(port, "pull 0")
         return started[-1]
 
-    return Rig("robot_ur", start, lambda _: push("pull 1"), mend, "running|making .*")
+    return Rig("robot_ur", start, lambda _: push(port, "pull 1"), mend, "running|making .*")
 
 
 @pytest.fixture(params=RIGS)
 def rig(request: pytest.FixtureRequest, bus: Bus, small: Path, tmp_path: Path) -> Rig:
-    make: Callable[[Bus, Path, Path], Rig] = {"sim": sim, "jr3": jr3, "ur-wrist": ur_wrist}[request.param]
+    make: Callable[[Bus, Path, Path], Rig] = {"sim": sim, "jr3": jr3, "rdt": rdt, "ur-wrist": ur_wrist}[request.param]
     return make(bus, small, tmp_path)
 
 

@@ -12,6 +12,7 @@ from services.cell.ur import EMULATED, Ur, arm
 from services.robot_ur import settings as robot_ur
 from services.rules.command_line import Parser, whole
 from services.rules.swaps import SPEC, SPEC_HELP
+from services.sensor_rdt.settings import Settings as BoxSettings
 from services.wire.errors import CellError
 from services.wire.message_base import LONGEST_RUN
 from services.wire.randomness import MAX_SEED
@@ -76,6 +77,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--robot", metavar="ADDRESS", help=f"ur: of the controller, as 192.168.0.10; or {EMULATED}, the usual"
     )
+    parser.add_argument(
+        "--box",
+        metavar="ADDRESS",
+        help="ur: of a Net F/T, Axia or HEX beside a real arm, instead of its wrist",
+    )
     parser.add_argument("--arm", action="append", default=[], metavar="OPTION[=VALUE]", help=_ARM_HELP)
 
 
@@ -87,13 +93,19 @@ def plan_of(arguments: argparse.Namespace) -> Plan:
     if web_port is None:  # who asks for any port for one asks for any port for the other
         web_port = WEB_PORT if arguments.viewer_port else 0
     hardware: Hil | Ur | None = None
-    if arguments.profile != "ur" and (arguments.robot is not None or arguments.arm):
-        raise CellError("--robot, --arm: expected with `treenail up ur` only")
+    if arguments.profile != "ur" and (arguments.robot is not None or arguments.arm or arguments.box):
+        raise CellError("--robot, --arm, --box: expected with `treenail up ur` only")
     if arguments.profile == "hil":
         hardware = emulated(arguments.link or LINKS[0], thesis_speed=arguments.thesis_speed)
     elif arguments.profile == "ur":
         robot = arguments.robot or EMULATED
-        hardware = arm(robot, _arm_options(robot, arguments.arm))
+        if robot == EMULATED and arguments.box is not None:
+            raise CellError(
+                "--box: expected with --robot ADDRESS only: the emulated arm has a wrist that feels its peg"
+            )
+        hardware = arm(
+            robot, _arm_options(robot, arguments.arm), None if arguments.box is None else _box(arguments.box)
+        )
     viewer = None
     if not arguments.no_viewer:
         web_port = None if arguments.no_web else web_port
@@ -125,3 +137,9 @@ def _arm_options(robot: str, words: list[str]) -> list[str]:
         raise CellError(f"--arm: expected options of `treenail robot_ur`, got {' '.join(others)[:80]!r}")
     robot_ur.settings(known)
     return options
+
+
+def _box(address: str) -> tuple[str, ...]:
+    """Return the options of ``sensor_rdt`` for a box. Raises TreenailError for what is no address."""
+    BoxSettings(address)
+    return ("--box", address)

@@ -53,10 +53,11 @@ def test_any_process_may_be_killed_and_the_run_ends_as_the_one_in_one_process(
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (("sim", "--robot", "emulated"), "--robot, --arm: expected with `treenail up ur` only"),
+        (("sim", "--robot", "emulated"), "--robot, --arm, --box: expected with `treenail up ur` only"),
         (("ur", "--certs", "certs"), "--certs: expected none with emulated hardware"),
         (("ur", "--experiment", "initial"), "start.xy_spread_mm: expected 0 with `treenail up ur --robot emulated`"),
         (("ur", "--arm", "speed-mm-s=900"), "--speed-mm-s"),
+        (("ur", "--box", "192.168.1.1"), "--box: expected with --robot ADDRESS only"),
         (("ur", "--robot", "two words"), "--robot: expected an address"),
     ],
 )
