@@ -56,6 +56,7 @@ COMMANDS = {
     "checkpoint": "list, show, export and import what was learnt",
     "evaluate": "say how good a skill is on a task, beside a hand-written rule",
     "export": "write a run as MCAP, Parquet or a LeRobot dataset",
+    "record": "write the F/T stream of a living cell to MCAP, bounded",
     "video": "show one insertion of a run as a film",
     "runs": "list the runs in a folder with their sizes, and remove them",
     "certs": "make a certificate authority and a certificate for each service",
@@ -183,6 +184,10 @@ def _module(name: str) -> Command:
             from treenail.commands import export
 
             return export
+        case "record":
+            from treenail.commands import record
+
+            return record
         case "video":
             from treenail.commands import video
 

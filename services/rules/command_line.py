@@ -36,6 +36,7 @@ EXTRAS = {
     "gymnasium": "gym",
     "jinja2": "reproduce",
     "matplotlib": "cli",
+    "mcap": "export",
     "numba": "classifier",
     "pyarrow": "export",
     "rerun": "viewer",

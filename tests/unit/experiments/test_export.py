@@ -30,7 +30,7 @@ from services.task.insertion import Insertion
 from services.wire.definition import Definition
 from services.wire.definition_file import definition_sha256, load
 from services.wire.errors import CellError, DivergedError, TreenailError
-from services.wire.messages import JournalEpisode
+from services.wire.messages import FtPacket, JournalEpisode
 
 SEED, EPISODES = 3, 5
 Write = Callable[[Path, Source, Iterable[EpisodeRows]], int]
@@ -249,3 +249,58 @@ def test_the_command_says_what_it_wrote_and_what_it_cannot(tmp_path: Path) -> No
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 2 and len(done.stderr.splitlines()) == 1
     assert done.stderr.startswith("treenail export: nowhere/run: expected the folder of a run")
+
+
+def packet(sequence: int, count: int = 8) -> FtPacket:
+    forces = tuple((float(sequence - count + 1 + place), 0.0, -1.0) for place in range(count))
+    return FtPacket(
+        sequence=sequence,
+        t_ns=sequence * 125_000,
+        period_ns=125_000,
+        force_n=forces,
+        torque_nm=((0.0, 0.1, 0.0),) * count,
+    )
+
+
+def test_the_stream_is_recorded_in_bounded_pieces_and_read_back(tmp_path: Path) -> None:
+    reader = pytest.importorskip("mcap_ros2.reader", reason="mcap-ros2-support is not installed")
+    from experiments.export.stream import TOPIC, Pieces
+
+    pieces = Pieces(tmp_path / "ft", piece_bytes=30_000, most_bytes=10**6)
+    for sequence in range(7, 8000, 8):
+        if sequence != 4007:
+            pieces.take(packet(sequence))
+    pieces.close()
+    assert (pieces.samples, pieces.lost) == (8000 - 8, 8)
+    assert len(pieces.whole()) > 1 and len(list((tmp_path / "ft").iterdir())) == len(pieces.whole())
+    read = [message for piece in pieces.whole() for message in reader.read_ros2_messages(str(piece), topics=[TOPIC])]
+    assert [message.ros_msg.wrench.force.x for message in read] == [n for n in range(8000) if not 4000 <= n < 4008]
+    assert [message.log_time_ns for message in read[:3]] == [0, 125_000, 250_000]
+
+
+def test_the_oldest_pieces_go_and_another_recorder_goes_on(tmp_path: Path) -> None:
+    from experiments.export.stream import Pieces
+
+    for start in (0, 4000):
+        pieces = Pieces(tmp_path, piece_bytes=20_000, most_bytes=60_000)
+        for sequence in range(start + 7, start + 4000, 8):
+            pieces.take(packet(sequence))
+        pieces.close()
+    names = [path.name for path in pieces.whole()]
+    assert "ft-000000.mcap" not in names and names == sorted(names)
+    assert sum(path.stat().st_size for path in pieces.whole()) <= 60_000
+
+
+def test_a_full_disk_ends_recording_in_one_line_and_leaves_what_is_whole(tmp_path: Path) -> None:
+    from experiments.export.stream import Pieces
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    pieces = Pieces(tmp_path, piece_bytes=10**9, most_bytes=10**9)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (2000, before[1]))
+    try:
+        with pytest.raises(ExportError, match="cannot record, what is there stays: File too large"):
+            for sequence in range(7, 80_000, 8):
+                pieces.take(packet(sequence))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert list(tmp_path.iterdir()) == []
