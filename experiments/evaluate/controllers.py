@@ -45,7 +45,11 @@ class Controller(Protocol):
 
 
 class ComplianceRule:
-    """Move along the lateral force, turn along the torque referred to the peg's tip, else step in +Z."""
+    """Move along the lateral force, turn along the torque, else step in +Z.
+
+    The torque refers to a point as far behind the sensor as the tip is ahead of it: a force aside then counts twice as
+    a torque, so that the rule turns early. ``TipRule`` is the same with the torque referred to the tip itself.
+    """
 
     def __init__(self, definition: Definition) -> None:
         self._lever_m = definition.wrist.sensor_height_mm * 1e-3
@@ -75,6 +79,17 @@ class ComplianceRule:
             (sign * value, ACTION[f"{name}{axis}"]) for value, axis in pairs for sign, name in ((1, "+"), (-1, "-"))
         ]
         return [(value, action) for value, action in both if action < self._actions]
+
+
+class TipRule(ComplianceRule):
+    """The compliance rule with the torque referred to the peg's tip: what the contact itself turns with.
+
+    It moves aside first and seldom turns: less force where the clearance forgives a tilt, more where it does not.
+    """
+
+    def __init__(self, definition: Definition) -> None:
+        super().__init__(definition)
+        self._lever_m = -self._lever_m
 
 
 class SpiralRule:

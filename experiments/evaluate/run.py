@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from experiments.evaluate.controllers import ComplianceRule, Controller, RandomMoves, SpiralRule
+from experiments.evaluate.controllers import ComplianceRule, Controller, RandomMoves, SpiralRule, TipRule
 from experiments.evaluate.figures import Figures, figures
 from experiments.evaluate.frozen import FrozenSkill
 from experiments.evaluate.trial import Trial, trial
@@ -13,9 +13,12 @@ from experiments.lab import pool
 from services.rules.skill import NamedSkill
 from services.wire.definition import Definition
 
-RULE, SPIRAL, RANDOM = "rule", "spiral", "random"
+RULE, TIP_RULE, SPIRAL, RANDOM = "rule", "rule-tip", "spiral", "random"
+RULES = (RULE, TIP_RULE)
+"""What a learner is held against: two ways to write the same rule, of which now one, now the other is better."""
 BASELINES = {
     RULE: "a hand-written compliance rule: give way to force and torque, else step in +Z",
+    TIP_RULE: "the same rule with the torque referred to the peg's tip",
     SPIRAL: "the rule with a search in a spiral where it is pressed on a flat face",
     RANDOM: "any move, each as likely",
 }
@@ -33,7 +36,9 @@ class Method(NamedTuple):
             return FrozenSkill(self.skill, definition, seed)
         if self.name == RANDOM:
             return RandomMoves(definition, seed)
-        return SpiralRule(definition) if self.name == SPIRAL else ComplianceRule(definition)
+        if self.name == SPIRAL:
+            return SpiralRule(definition)
+        return TipRule(definition) if self.name == TIP_RULE else ComplianceRule(definition)
 
 
 class Piece(NamedTuple):

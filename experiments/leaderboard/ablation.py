@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from experiments.leaderboard.methods import METHODS, RULE, TABLE, TREENAIL, Method
+from experiments.evaluate.run import RULES
+from experiments.leaderboard.methods import METHODS, TABLE, TREENAIL, Method
 
 TASKS = ("suite-round", "suite-square", "suite-noisy", "suite-stiff-wrist", "suite-chamferless")
 """Where they are left out, unless the command line says otherwise."""
@@ -35,5 +36,5 @@ PARTS = (
 
 def methods() -> tuple[Method, ...]:
     """Return the whole learner, and it without each part; the rule beside them."""
-    whole = [method for method in METHODS if method.name in (TREENAIL, RULE)]
+    whole = [method for method in METHODS if method.name in (TREENAIL, *RULES)]
     return (whole[0], *PARTS, *whole[1:])

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
+from experiments.evaluate.run import RULE
 from experiments.lab import bands
 from experiments.leaderboard.board import Board
 from experiments.leaderboard.figures import FIRST, Figures
-from experiments.leaderboard.methods import RULE
 
 MARKS = {"treenail": ("o", "#0072B2"), "table": ("s", "#E69F00"), RULE: ("|", "#000000"), "oracle": ("*", "#009E73")}
 """Methods that are drawn, and how; random moves would push all others into a corner."""

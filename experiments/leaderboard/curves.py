@@ -10,10 +10,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from experiments.evaluate.run import RULE
 from experiments.lab import bands
 from experiments.leaderboard.figures import INSERTED
 from experiments.leaderboard.jobs import Outcome
-from experiments.leaderboard.methods import RULE
 
 COLUMNS = 4
 PANEL_INCH = (3.2, 2.3)

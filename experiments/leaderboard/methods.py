@@ -7,6 +7,7 @@ from typing import Literal, NamedTuple
 
 import msgspec
 
+from experiments.evaluate.run import BASELINES, RULE, RULES, TIP_RULE
 from services.rules import skill as skill_file
 from services.rules.skill import NamedSkill
 from services.wire.definition import Definition
@@ -40,13 +41,14 @@ TABLE = (
 )
 """The thesis's learner: ART2 on the torque as read, a table, softmax, rewards of the moves alone."""
 
-RULE, TREENAIL = "rule", "treenail"
+TREENAIL = "treenail"
 METHODS = (
     Method(TREENAIL, "the learner that the task's definition comes with", "learn"),
     Method(
         "table", "the thesis's learner: ART2 on the torque as read, Q-learning, softmax", "learn", TABLE, LEARNERS_OWN
     ),
-    Method(RULE, "a hand-written compliance rule: give way to force and torque, else step in +Z", "play"),
+    Method(RULE, BASELINES[RULE], "play"),
+    Method(TIP_RULE, BASELINES[TIP_RULE], "play"),
     Method("spiral", "the rule with a search in a spiral where it is pressed on a flat face", "play"),
     Method("random", "any move, each as likely", "play"),
     Method(
@@ -57,12 +59,12 @@ METHODS = (
 
 
 def methods(names: list[str] | None) -> tuple[Method, ...]:
-    """Return the methods of these names, the rule always among them; all for None. Raises TreenailError."""
+    """Return the methods of these names, the rules always among them; all for None. Raises TreenailError."""
     by_name = {method.name: method for method in METHODS}
     for name in names or ():
         if name not in by_name:
             raise TreenailError(f"--methods: expected some of {', '.join(by_name)}, got {name!r}")
-    wanted = by_name if names is None else {*names, RULE}
+    wanted = by_name if names is None else {*names, *RULES}
     return tuple(method for method in METHODS if method.name in wanted)
 
 

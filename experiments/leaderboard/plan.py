@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from experiments.evaluate.run import RANDOM
+from experiments.evaluate.run import RANDOM, RULES
 from experiments.leaderboard.jobs import Job
-from experiments.leaderboard.methods import RULE, TREENAIL, Method, changed
+from experiments.leaderboard.methods import TREENAIL, Method, changed
 from experiments.leaderboard.suite import moves_expected
 from experiments.leaderboard.targets import Target, target_of
 from services.rules.skill import SkillError
@@ -56,7 +56,7 @@ def _entry(task: Definition, method: Method, length: Length) -> Entry:
         return Entry(task.name, method, (), str(error))
     baseline = min(length.baseline_episodes, RANDOM_EPISODES) if method.name == RANDOM else length.baseline_episodes
     episodes = {"learn": length.episodes, "oracle": 1}.get(method.kind, baseline)
-    few = method.name not in (TREENAIL, RULE) and moves_expected(task) > SLOW_MOVES
+    few = method.name not in (TREENAIL, *RULES) and moves_expected(task) > SLOW_MOVES
     seeds = length.seeds[:SLOW_SEEDS] if few else length.seeds
     jobs = tuple(Job(task.name, method.name, method.kind, definition, seed, episodes, method.skill) for seed in seeds)
     return Entry(task.name, method, jobs, target=target_of(task.name) if method.kind == "learn" else None)

@@ -11,7 +11,7 @@ from rich import box
 from rich.table import Table
 
 from experiments.evaluate.figures import Figures
-from experiments.evaluate.run import BASELINES, RULE, Method, evaluate
+from experiments.evaluate.run import BASELINES, RULES, Method, evaluate
 from experiments.lab.pool import usable_cores
 from experiments.lab.progress import reporter
 from services.cell.terminal import console
@@ -53,7 +53,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def act(arguments: argparse.Namespace) -> None:
     """Evaluate, and print a row a method."""
-    methods = [_method(name) for name in dict.fromkeys((*arguments.method, RULE))]
+    methods = [_method(name) for name in dict.fromkeys((*arguments.method, *RULES))]
     definition = _task(arguments, methods)
     for method in methods:
         method.controller(definition, FIRST_SEED)  # a skill that does not fit is refused before anything runs

@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.evaluate.controllers import ACTION, ComplianceRule, RandomMoves, SpiralRule
+from experiments.evaluate.controllers import ACTION, ComplianceRule, RandomMoves, SpiralRule, TipRule
 from experiments.evaluate.figures import figures, wilson
 from experiments.evaluate.frozen import FrozenSkill
-from experiments.evaluate.run import BASELINES, RULE, Method, evaluate
+from experiments.evaluate.run import BASELINES, RULE, RULES, Method, evaluate
 from experiments.evaluate.trial import Trial, trial
 from experiments.lab.in_process import InProcessRun
 from experiments.leaderboard.methods import changed, methods
@@ -165,7 +165,7 @@ def test_the_rule_always_stands_beside(capsys: pytest.CaptureFixture[str], learn
     skill_file.write(path, learnt)
     report = json.loads(said(capsys, str(path), "--json"))
     assert report["experiment"] == "suite-round"
-    assert set(report["methods"]) == {str(path), RULE}
+    assert set(report["methods"]) == {str(path), *RULES}
     table = said(capsys, "random", "--experiment", "suite-round")
     assert "force [N]" in table
     assert "random" in table
@@ -191,3 +191,9 @@ def test_settings_change_the_task_that_a_skill_was_learnt_in(
     assert plain["moves"] != far["moves"]
     with pytest.raises(TreenailError, match=r"--set contact.friction=9.*expected"):
         said(capsys, str(path), "--set", "contact.friction=9")
+
+
+def test_two_rules_differ_by_the_point_their_torques_refer_to() -> None:
+    tip_contact = felt((0.4, 0.0, -1.0), (0.0, 0.4 * ROUND.wrist.sensor_height_mm * 1e-3, 0.0), 0)
+    assert ComplianceRule(ROUND).decide(tip_contact).action == ACTION["+RY"], "a force aside at the tip counts twice"
+    assert TipRule(ROUND).decide(tip_contact).action == ACTION["+X"], "at the tip it turns nothing"

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from experiments.evaluate.run import RULE, RULES, TIP_RULE
 from experiments.lab.in_process import InProcessRun
 from experiments.lab.progress import Lines
 from experiments.leaderboard import jobs as jobs_module
@@ -17,7 +18,7 @@ from experiments.leaderboard.boards import BOARDS, Wanted
 from experiments.leaderboard.figures import FIRST, Figures, figures, ratio
 from experiments.leaderboard.folder import Folder
 from experiments.leaderboard.jobs import Done, Job, Order, Outcome, key, work
-from experiments.leaderboard.methods import METHODS, RULE, TREENAIL, Method, changed, methods
+from experiments.leaderboard.methods import METHODS, TREENAIL, Method, changed, methods
 from experiments.leaderboard.plan import Length
 from experiments.leaderboard.suite import tasks
 from experiments.leaderboard.targets import TARGETS, Target, target_of, verdict
@@ -151,7 +152,7 @@ def test_every_method_can_be_tried_on_every_task() -> None:
 
 def test_tasks_and_methods_are_named_or_meant_by_patterns() -> None:
     assert [task.name for task in tasks(["suite-round*"])] == ["suite-round", "suite-round-fine", "suite-round-tight"]
-    assert {method.name for method in methods(["table"])} == {"table", RULE}
+    assert {method.name for method in methods(["table"])} == {"table", *RULES}
     with pytest.raises(TreenailError, match=r"--tasks: expected some of .*suite-round"):
         tasks(["nothing"])
     with pytest.raises(TreenailError, match="--methods: expected some of treenail"):
@@ -166,11 +167,11 @@ def test_what_is_done_is_not_done_again_and_what_is_the_same_is_done_once(tmp_pa
     page, failures = learning.make(learning.LEADERBOARD, entries, SHORT, folder, here, quiet())
     assert failures == 0
     assert sorted(here.done) == [
-        f"suite-round, {name}, seed {seed}" for name in (RULE, TREENAIL) for seed in (100, 101)
+        f"suite-round, {name}, seed {seed}" for name in (RULE, TIP_RULE, TREENAIL) for seed in (100, 101)
     ]
     numbers = json.loads((tmp_path / NUMBERS).read_text())
     learning.make(learning.LEADERBOARD, entries, SHORT, folder, here, quiet())
-    assert len(here.done) == 4, "nothing is left to do"
+    assert len(here.done) == 6, "nothing is left to do"
     assert json.loads((tmp_path / NUMBERS).read_text())["rows"] == numbers["rows"]
     rows = {row["method"]: row["figures"] for row in numbers["rows"]}
     assert {**rows["again"], "cpu_s": 0} == {**rows[TREENAIL], "cpu_s": 0}
@@ -213,7 +214,7 @@ def test_a_fault_in_a_method_stops_no_other(tmp_path: Path, monkeypatch: pytest.
     reporter = Lines(said.append, lambda: 0.0)
     folder, jobs = Folder(tmp_path, lambda _: None), [job for entry in entries for job in entry.jobs]
     results = runner.run("x", jobs, folder, Here(), reporter)
-    assert {job.method for job in results.outcomes} == {RULE}
+    assert {job.method for job in results.outcomes} == {*RULES}
     assert {job.method for job in results.failures} == {TREENAIL}
     assert any("suite-round, treenail, seed 100: ZeroDivisionError" in line for line in said)
     (row,) = (row for row in board(entries, results).rows if row["method"] == TREENAIL)

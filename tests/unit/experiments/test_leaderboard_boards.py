@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 
+from experiments.evaluate.run import RULES
 from experiments.lab.progress import Lines
 from experiments.leaderboard import ablation, lasting, transfer
 from experiments.leaderboard.boards import BOARDS, Wanted
 from experiments.leaderboard.folder import Folder
 from experiments.leaderboard.jobs import order, work
 from experiments.leaderboard.lasting import Kept, kept
-from experiments.leaderboard.methods import METHODS, RULE, TREENAIL, changed
+from experiments.leaderboard.methods import METHODS, TREENAIL, changed
 from experiments.leaderboard.transfer import CASES, task_of
 from services.rules.skill import fits
 from services.wire.definition import QLearning
@@ -74,7 +75,7 @@ def test_a_skill_is_tried_where_it_was_not_learnt(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(transfer, "CASES", CASES[:1] + CASES[4:5])
     wanted = Wanted(seeds=(100,), episodes=3, baseline_episodes=1)
     rows = run("transfer", wanted, tmp_path)
-    assert set(rows) == {f"{case}, {name}" for case in ("as learnt", "friction 0.1") for name in (TREENAIL, RULE)}
+    assert set(rows) == {f"{case}, {name}" for case in ("as learnt", "friction 0.1") for name in (TREENAIL, *RULES)}
     figures = rows["as learnt, treenail"]["figures"]
     assert isinstance(figures, dict) and figures["seeds"] == [100 + transfer.OTHER_SEEDS]
     assert rows["as learnt, treenail"]["verdict"]
