@@ -6,7 +6,7 @@ ARGS ?=
 # A worker for each core, but not for each of many.
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 8 --durations 15
 
-.PHONY: help setup sim reproduce chaos test test-all check fuzz lock lock-check docs clean
+.PHONY: help setup sim reproduce chaos test test-all check performance fuzz lock lock-check docs clean
 
 help:  ## show this
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -47,6 +47,9 @@ test-all: test  ## test, then all the rest: every test that starts processes (co
 fuzz: setup  ## a million hostile inputs for all that reads, then 20000 for a living cell; ARGS="--inputs 50000"
 	$(BIN)/python -m experiments.fuzz $(ARGS)
 	TREENAIL_FUZZ_CELL=20000 $(BIN)/pytest -s --timeout 1200 tests/system/integration/test_fuzz_cell.py
+
+performance: setup  ## measure all there is to measure, in under ten minutes, and add it to docs/performance.md
+	$(BIN)/treenail bench all --page docs
 
 docs: setup  ## write docs/contract.md, definition.md and state_machines.md again from the code
 	$(BIN)/python -m services.wire.contract > docs/contract.md

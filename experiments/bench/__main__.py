@@ -6,6 +6,7 @@ import argparse
 import json
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from experiments.bench.values import Value, machine
 from services.rules import command_line
@@ -15,6 +16,7 @@ from services.wire.randomness import MAX_SEED
 
 PROGRAM = "treenail bench"
 SUMMARIES = {
+    "all": "every one of these, short, one after the other: a table, in under ten minutes",
     "loop": "what being distributed costs: physics, a bare Zenoh chain and the real cell, per decision",
     "query": "how long the agent takes to answer while it learns at full speed, and what that costs it",
     "sim": "moves a second: in free air, in contact, in whole episodes",
@@ -46,8 +48,20 @@ def _act(arguments: argparse.Namespace) -> int:
     report: dict[str, Value] = {"bench": arguments.bench, "machine": machine()}
     results = _measure(arguments)
     report |= {"results": results}
-    print(json.dumps(report, indent=2) if arguments.json else "\n".join(lines(report)), flush=True)
+    if arguments.bench == "all" and arguments.page is not None:
+        from experiments.bench import page
+
+        page.write(arguments.page, report)
+    print(json.dumps(report, indent=2) if arguments.json else _text(report), flush=True)
     return int(results.get("equal") is False)
+
+
+def _text(report: Mapping[str, Value]) -> str:
+    if report["bench"] != "all":
+        return "\n".join(lines(report))
+    from experiments.bench import every
+
+    return "\n".join(every.lines(report))
 
 
 def lines(figures: Mapping[str, Value], indent: str = "") -> list[str]:
@@ -78,6 +92,10 @@ def _in_words(value: Value) -> str:
 def _measure(arguments: argparse.Namespace) -> dict[str, Value]:
     """Carry out what was asked for. Each bench is loaded where it is used: some need libraries that others do not."""
     match arguments.bench:
+        case "all":
+            from experiments.bench import every
+
+            return every.measure(every.to_stderr)
         case "art2" | "sim" | "learner":
             return _part(arguments)
         case "env":
@@ -147,10 +165,13 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument("--json", action="store_true", help="as JSON, units in the names")
         if name in WITH_ROUNDS:
             command.add_argument("--rounds", type=whole(1), default=3, metavar="N", help="repetitions")
-        if name not in ("art2", "link", "scale"):
+        if name not in ("all", "art2", "link", "scale"):
             command.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file")
             command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a setting")
             command.add_argument("--seed", type=whole(0, MAX_SEED), default=0, help="seed of the run")
+    commands.choices["all"].add_argument(
+        "--page", type=_folder, metavar="FOLDER", help="add to performance.json there, and make performance.md of it"
+    )
     loop, sim = commands.choices["loop"], commands.choices["sim"]
     query = commands.choices["query"]
     query.add_argument("--seconds", type=whole(1, 3600), default=5, help="length of each part of a round")
@@ -193,6 +214,13 @@ def _add_long_ones(commands: Mapping[str, argparse.ArgumentParser]) -> None:
     fleet.add_argument("--cells", type=_counts, default=(1, 2, 4, 8), metavar="N,...", help="default: 1,2,4,8")
     fleet.add_argument("--episodes", type=whole(2), default=60, help="of each cell")
     add_arguments(commands["scale"])
+
+
+def _folder(text: str) -> Path:
+    """Return a folder that is there."""
+    if not Path(text).is_dir():
+        raise argparse.ArgumentTypeError(f"expected a folder, got {text!r}")
+    return Path(text)
 
 
 def _counts(text: str) -> tuple[int, ...]:
