@@ -29,3 +29,7 @@ class Seat:
     def post(self, handler: Callable[..., None], item: object) -> None:
         """Have the loop call ``handler(item)``; safe from any thread, and never waits."""
         self.inbox.post(handler, item, self.refuse)
+
+    def post_quietly(self, handler: Callable[..., None], item: object) -> None:
+        """Have the loop call ``handler(item)`` when something else wakes it; safe from any thread, and never waits."""
+        self.inbox.post_quietly(handler, item, self.refuse)

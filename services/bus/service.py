@@ -184,9 +184,9 @@ class Service(Asking, Publishing):
         """Do one event of the inbox, waiting at most ``timeout_s`` for it; return whether there was one."""
         return self.inbox.work(timeout_s)
 
-    def work_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
-        """Work until ``done()``, stop, or the end of ``timeout_s``; return ``done()``."""
-        return self.inbox.work_until(done, timeout_s)
+    def work_until(self, done: Callable[[], bool], timeout_s: float, *, heed_quiet: bool = False) -> bool:
+        """Work until ``done()``, stop, or the end of ``timeout_s``; return ``done()``. See ``Inbox``."""
+        return self.inbox.work_until(done, timeout_s, heed_quiet=heed_quiet)
 
     def wait_for(self, what: str, attempt: Callable[[], T | None], every_s: float = 0.1) -> T | None:
         """Try until ``attempt`` gives something, saying loudly what is missing; None only when stopped."""
@@ -211,10 +211,12 @@ class Service(Asking, Publishing):
 
     # -- what came in --------------------------------------------------------------------------------------------
 
-    def subscribe(self, name: str, kind: type[M], handler: Callable[[M], None], *roles: str) -> None:
+    def subscribe(
+        self, name: str, kind: type[M], handler: Callable[[M], None], *roles: str, quietly: bool = False
+    ) -> None:
         """Hand each message on a key to ``handler``, in the loop: with ``roles``, only those of who holds one of them.
 
-        As long as nobody has held any of the roles, everybody is heard.
+        As long as nobody has held any of the roles, everybody is heard. What comes ``quietly`` does not wake the loop.
         """
 
         def take(sample: zenoh.Sample) -> None:
@@ -224,16 +226,17 @@ class Service(Asking, Publishing):
                 self._roles.check_sender(sample, roles)
             handler(message)
 
-        self.subscribe_raw(name, take)
+        self.subscribe_raw(name, take, quietly=quietly)
 
     def check_holder(self, sample: zenoh.Sample, roles: tuple[str, ...]) -> None:
         """Raise StrangerError for a message of anybody but who holds one of the roles at this moment."""
         if self._roles is not None:
             self._roles.check_holder(sample, roles)
 
-    def subscribe_raw(self, name: str, handler: Callable[[zenoh.Sample], None]) -> None:
+    def subscribe_raw(self, name: str, handler: Callable[[zenoh.Sample], None], *, quietly: bool = False) -> None:
         """Hand each sample on a key expression to ``handler``, in the loop."""
-        callback: Handler = Callback(lambda sample: self.post(handler, sample), indirect=False)
+        post = self.post_quietly if quietly else self.post
+        callback: Handler = Callback(lambda sample: post(handler, sample), indirect=False)
         self._declared.append(self.session.declare_subscriber(self.keys.of(name), callback))
 
     def watch(self, handler: Callable[[str, bool], None]) -> None:

@@ -75,15 +75,19 @@ class SimShell:
         now = time.monotonic()
         if now >= self._next_truth:
             self._next_truth = now + TRUTH_EVERY_S
-            world = self._cell.world
-            self._publish_truth(
-                Truth(
-                    run=moved.run,
-                    episode=moved.episode,
-                    step=moved.step,
-                    flange=world.flange,
-                    peg=world.peg,
-                    contact=world.contact_state(),
-                )
-            )
+            self._service.post(self._tell, moved)  # when the motion is answered: who watches can wait
         return moved
+
+    def _tell(self, moved: Moved) -> None:
+        """Publish where the peg is after a motion."""
+        world = self._cell.world
+        self._publish_truth(
+            Truth(
+                run=moved.run,
+                episode=moved.episode,
+                step=moved.step,
+                flange=world.flange,
+                peg=world.peg,
+                contact=world.contact_state(),
+            )
+        )

@@ -39,7 +39,8 @@ class Robot:
         self._within_s = FELT_WITHIN_S + 2.0 * (samples - 1) / (sensor.rate_hz or SLOWEST_HZ)
         self._fresh = Freshness()
         self._pause_s = RETRY_S
-        service.subscribe(FT, FtPacket, self._on_ft, *SENSORS)
+        # A sample comes just before the answer to the motion that it was felt after: one of them is enough to wake us.
+        service.subscribe(FT, FtPacket, self._on_ft, *SENSORS, quietly=True)
 
     def go(self, motion: Home | Move) -> tuple[Moved, FtPacket] | None:
         """Make a motion and return what was applied, and the samples of the window after it.
@@ -101,11 +102,12 @@ class Robot:
             felt = self._windows.after(arrived_t_ns)
             return felt is not None
 
-        self._service.work_until(all_there, self._within_s)
+        self._service.work_until(all_there, self._within_s, heed_quiet=True)
         return felt
 
     def _ask(self, motion: Home | Move) -> Moved | Refusal | None:
         at_home = isinstance(motion, Home)
+        self._service.work_until(lambda: True, 0.0)  # what was felt before belongs to the motion before
         self._windows.begin(at_home=at_home)
         self._anew = self._anew and not at_home
         return self._ask_home(motion) if isinstance(motion, Home) else self._ask_move(motion)
