@@ -17,14 +17,15 @@ from experiments.evaluate.trial import trial
 from experiments.lab.pool import Tell
 from experiments.lab.run import run_seed
 from experiments.leaderboard.methods import Kind, task_alone
-from experiments.leaderboard.suite import moves_expected
+from experiments.leaderboard.suite import SLOW_MOVES, moves_expected
 from experiments.oracle.search import Effort, search
 from experiments.reproduce.code import code_sha256
 from experiments.reproduce.insertion_runs import LETTERS
+from services.rules.hole import tilt_deg
 from services.rules.results import Digests
 from services.rules.skill import NamedSkill, file_bytes
 from services.task.insertion import Insertion
-from services.wire.definition import Definition
+from services.wire.definition import SPREADS, Definition
 from services.wire.definition_file import definition_sha256
 from services.wire.errors import TreenailError
 from services.wire.messages import EpisodeSummary
@@ -39,8 +40,10 @@ PACKAGES: dict[Kind, tuple[str, ...]] = {
     "oracle": (*TASK, "experiments.oracle"),
 }
 """Packages whose code decides what comes out of a job."""
-ORACLE = Effort(beam=4, attempts=60)
-"""What the oracle's search may cost on a board: seconds for each start."""
+ORACLE, SLOW_ORACLE = Effort(beam=4, attempts=60), Effort(beam=1, attempts=20)
+"""What the oracle's search may cost for a start, also where an insertion takes more than ``SLOW_MOVES``: seconds."""
+_COSTS = {"random": 5.0, "oracle": 100.0}
+"""How many insertions one of these is like."""
 VERSION = 1
 """Goes up when the code here changes what comes out."""
 
@@ -66,7 +69,7 @@ class Job(msgspec.Struct, frozen=True, eq=False):
     @property
     def cost(self) -> float:
         """About how many moves it takes."""
-        return self.episodes * moves_expected(self.definition) * (3.0 if self.method == "random" else 1.0)
+        return self.episodes * moves_expected(self.definition) * _COSTS.get(self.method, 1.0)
 
 
 class Outcome(msgspec.Struct, frozen=True):
@@ -185,10 +188,13 @@ def _oracle(job: Job, tell: Tell) -> Done:
     start = replace(
         job.definition.start,
         **{name: getattr(home, name) for name in ("x_mm", "y_mm", "rx_deg", "ry_deg", "rz_deg")},
-        **{name: 0.0 for name in job.definition.start.__struct_fields__ if "spread" in name},
+        **dict.fromkeys(SPREADS, 0.0),
     )
-    still = replace(_definition(job), start=start, noise=replace(job.definition.noise, scale=0.0))
-    front = search(still, ORACLE, lambda _stage, _done, _most: None)
+    rx_deg, ry_deg = tilt_deg(job.definition.hole, job.seed, 0)
+    hole = replace(job.definition.hole, rx_deg=rx_deg, ry_deg=ry_deg, tilt_spread_deg=0.0)
+    still = replace(_definition(job), start=start, hole=hole, noise=replace(job.definition.noise, scale=0.0))
+    effort = SLOW_ORACLE if moves_expected(still) > SLOW_MOVES else ORACLE
+    front = search(still, effort, lambda _stage, _done, _most: None)
     if not front:
         raise TreenailError("oracle: expected an insertion, found none")
     tell(1)

@@ -12,6 +12,8 @@ from services.wire.errors import TreenailError
 PREFIX = "suite-"
 CHANGING = "suite-worn"
 """Changes in the course of a run: it is no task of the board itself, see ``lasting``."""
+SLOW_MOVES = 200.0
+"""An insertion that takes more moves than this is a long one."""
 QUICK = (
     "suite-round",
     "suite-round-tight",

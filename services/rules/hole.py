@@ -34,12 +34,17 @@ class Standing(NamedTuple):
 UPRIGHT = Standing((1.0, 0.0, 0.0, 0.0))
 
 
+def tilt_deg(hole: Hole, seed: int, episode: int) -> tuple[float, float]:
+    """Return the hole's tilt about X and Y in an episode of a run [deg]."""
+    if not hole.tilt_spread_deg:
+        return hole.rx_deg, hole.ry_deg
+    dx, dy = generator(seed, Role.HOLE_TILT, episode, 0).uniform(-1.0, 1.0, size=2).tolist()
+    return hole.rx_deg + hole.tilt_spread_deg * dx, hole.ry_deg + hole.tilt_spread_deg * dy
+
+
 def standing(hole: Hole, seed: int, episode: int) -> Standing | None:
     """Return how the hole stands in an episode of a run; None for upright."""
-    rx_deg, ry_deg = hole.rx_deg, hole.ry_deg
-    if hole.tilt_spread_deg:
-        dx, dy = generator(seed, Role.HOLE_TILT, episode, 0).uniform(-1.0, 1.0, size=2).tolist()
-        rx_deg, ry_deg = rx_deg + hole.tilt_spread_deg * dx, ry_deg + hole.tilt_spread_deg * dy
+    rx_deg, ry_deg = tilt_deg(hole, seed, episode)
     if rx_deg == ry_deg == 0.0:
         return None
     half_x, half_y = math.radians(rx_deg) / 2.0, math.radians(ry_deg) / 2.0
