@@ -93,8 +93,9 @@ def fit(seen: Sequence[Still], definition: Definition) -> Fit:
     felt = [turn.T @ weight for turn in turns]
     size_n, unsure_n = float(np.linalg.norm(weight)), float(forces.unsure[3:].max())
     if unsure_n > max(SURE_N, MOST_UNSURE * size_n):
-        expected = "expected poses from which the weight follows"
-        raise CalibrationError(f"tare: {expected}, got one of {size_n:.2f} N that is unsure by {unsure_n:.2f} N")
+        got = f"one of {size_n:.2f} N that is unsure by {unsure_n:.2f} N"
+        hint = "was the tool in the air and turned as asked for, and is the sensor mounted as the definition says?"
+        raise CalibrationError(f"tare: expected poses from which the weight follows, got {got}; {hint}")
     torques = _centre(felt, [one.torque_nm for one in seen], size_n, unsure_n)
     sigma_n = _pooled([(one.sigma_n, one.samples) for one in seen])
     if sigma_n == 0.0:

@@ -100,7 +100,7 @@ def _with(definition: Definition, measured: Fit) -> Definition:
     try:
         return check(fields, {}, "tare")
     except DefinitionError as error:
-        hint = "was the tool in the air and as it was asked for, and is wrist.sensor_rx_deg as the sensor is mounted?"
+        hint = "was the tool in the air and turned as asked for, and is the sensor mounted as the definition says?"
         raise CalibrationError(f"{error}; {hint}") from None
 
 
