@@ -26,12 +26,12 @@ from services.cell.skill_transfer import beginning
 from services.rules.command_line import EXIT_INTERRUPTED
 from services.rules.progress import Progress
 from services.rules.swaps import words
-from services.wire.definition_file import definition_sha256
+from services.wire.definition_file import definition_sha256, shipped
 from services.wire.errors import ContractError, NoAnswerError, RefusedError, TreenailError
 from services.wire.keys import EPISODE, EXPERIMENT, OPERATOR
 from services.wire.messages import EpisodeSummary, Experiment
 from treenail.commands.progress import STARTING, Reporter
-from treenail.commands.up_options import add_arguments, plan_of
+from treenail.commands.up_options import USUAL, add_arguments, plan_of
 
 __all__ = ["act", "add_arguments"]
 
@@ -195,7 +195,14 @@ def _tell_results(cell: LocalCell, run: EndedRun, client: Client, reporter: Repo
         reporter.say(f"what was learnt is in {plan.out / 'store.sqlite'} alone: {finished.trouble}")
         return
     reporter.say(f"what was learnt: {_command('checkpoint', 'show', str(finished.skill))}")
-    reporter.say(f"begin another run with it: {_command('up', 'sim', '--skill', str(finished.skill))}")
+    again = _command("up", "sim", *_experiment_words(plan.experiment), "--skill", str(finished.skill))
+    reporter.say(f"begin another run with it: {again}")
+
+
+def _experiment_words(definition: Path) -> tuple[str, ...]:
+    """Return how to ask for a definition's file; nothing for the one that is learnt where nothing is said."""
+    name = definition.stem if shipped().get(definition.stem) == definition else str(definition)
+    return () if name == USUAL else ("--experiment", name)
 
 
 def _tell_results_so_far(cell: LocalCell, watched: Watched, client: Client, reporter: Reporter) -> None:

@@ -19,6 +19,10 @@ from services.wire.randomness import MAX_SEED
 
 PROFILES = ("sim", "hil", "ur")
 WEB_PORT = 9090
+USUAL, USUAL_EPISODES = "suite-round", 200
+"""What is learnt where nothing is said: a peg from random starts."""
+WITH_HARDWARE = "chamfered-q-softmax"
+"""The same through hardware, emulated or not: the thesis's own, whose start is always the same."""
 _ARM_HELP = "ur: an option of `treenail robot_ur`: --arm start=120,-430,215,2.3,-1.9,0.2 --arm unlock-protective-stop"
 
 
@@ -30,7 +34,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="sim: the simulator in place of robot and sensor; hil: "
         "emulated old hardware; ur: an arm of Universal Robots",
     )
-    parser.add_argument("--experiment", default="chamfered-q-softmax", help="name or TOML file of the definition")
+    parser.add_argument(
+        "--experiment",
+        help=f"name or TOML file of the definition (default: {USUAL}, {USUAL_EPISODES} episodes; "
+        f"with hardware {WITH_HARDWARE})",
+    )
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
     parser.add_argument("--episodes", type=whole(1, LONGEST_RUN), help="length of the run (default: the definition's)")
     parser.add_argument("--seed", type=whole(0, MAX_SEED), default=0, help="seed of the run, from 0 (default: 0)")
@@ -110,11 +118,14 @@ def plan_of(arguments: argparse.Namespace) -> Plan:
     if not arguments.no_viewer:
         web_port = None if arguments.no_web else web_port
         viewer = viewer_at(arguments.viewer_bind, arguments.viewer_port, web_port, arguments.save)
+    experiment, episodes = arguments.experiment, arguments.episodes
+    if experiment is None and arguments.profile == "sim":
+        experiment, episodes = USUAL, episodes or USUAL_EPISODES
     return make_plan(
-        arguments.experiment,
+        experiment or WITH_HARDWARE,
         overrides=arguments.set,
         seed=arguments.seed,
-        episodes=arguments.episodes,
+        episodes=episodes,
         swaps=arguments.swap,
         skill=arguments.skill,
         cell=arguments.cell,
