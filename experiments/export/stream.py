@@ -34,7 +34,7 @@ class Pieces:
         self._last: int | None = None
         self.samples = 0
         self.lost = 0
-        """Samples that were sent and did not come, by their numbers."""
+        """Samples of a stream that were sent and did not come, by their numbers."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -48,7 +48,8 @@ class Pieces:
     def take(self, packet: FtPacket) -> None:
         """Record the samples of a packet. Raises ExportError when they cannot be written; what is whole stays."""
         count = len(packet.force_n)
-        if self._last is not None and packet.sequence > self._last:
+        # Only a stream has numbers without gaps: the simulator's samples are numbered by episode and motion.
+        if packet.period_ns and self._last is not None and packet.sequence > self._last:
             self.lost += max(0, packet.sequence - self._last - count)
         self._last = packet.sequence
         try:

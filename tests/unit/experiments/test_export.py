@@ -17,6 +17,7 @@ pytest.importorskip("pyarrow", reason="the extra export is not installed")
 pytest.importorskip("rosbags", reason="the extra export is not installed")
 
 import pyarrow.parquet as pq
+from msgspec import structs
 
 from experiments.export import lerobot, mcap, parquet
 from experiments.export.aside import ExportError, aside
@@ -87,11 +88,9 @@ def test_every_motion_is_a_row_and_ends_where_the_arm_was_sent(
 
 
 def test_an_entry_that_cannot_have_been_is_refused(recorded: Source, journal: list[JournalEpisode]) -> None:
-    from msgspec.structs import replace
-
     summary = journal[0].summary
     assert summary is not None
-    shorter = replace(journal[0], summary=replace(summary, moves=1))
+    shorter = structs.replace(journal[0], summary=structs.replace(summary, moves=1))
     with pytest.raises(TreenailError, match="expected decisions in 1 motions, got a decision after motion"):
         list(Stepper(recorded.definition, "run", SEED).episodes([shorter]))
 
@@ -281,11 +280,16 @@ def test_the_stream_is_recorded_in_bounded_pieces_and_read_back(tmp_path: Path) 
 def test_the_oldest_pieces_go_and_another_recorder_goes_on(tmp_path: Path) -> None:
     from experiments.export.stream import Pieces
 
-    for start in (0, 4000):
+    for start in (0, 400_000):
         pieces = Pieces(tmp_path, piece_bytes=20_000, most_bytes=60_000)
         for sequence in range(start + 7, start + 4000, 8):
             pieces.take(packet(sequence))
         pieces.close()
+    alone = structs.replace(packet(0, 1), period_ns=0)
+    for episode in (7, 8):
+        pieces.take(structs.replace(alone, sequence=episode << 17))
+    pieces.close()
+    assert pieces.lost == 0, "the simulator numbers its samples by episode and motion"
     names = [path.name for path in pieces.whole()]
     assert "ft-000000.mcap" not in names and names == sorted(names)
     assert sum(path.stat().st_size for path in pieces.whole()) <= 60_000
