@@ -210,7 +210,8 @@ class Link:
             self._wait_longer(now)
             return
         self._client, self._state, self._heard_s = client, None, now
-        self._control, self._allowed, self._running_by_s = False, True, 0.0
+        # What somebody has stopped before the line broke stays so.
+        self._control, self._running_by_s = False, 0.0
         self._clock.begin()
         self._arm.anew()
         self.trouble = f"robot: connected to {client.what}, no packet yet"

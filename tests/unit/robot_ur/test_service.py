@@ -1,4 +1,4 @@
-"""The UR service's shell on a bus in memory: what it tells others, and what a stop means, however emulated the arm is."""
+"""The UR service's shell on a bus in memory: what it tells others, and what a stop means for any arm."""
 
 from __future__ import annotations
 
