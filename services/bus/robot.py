@@ -234,7 +234,7 @@ class RobotShell(Generic[S]):
             self.hold.insist(numb, time.time_ns())
         self._numb = numb
         complaint = robot.sensing(time.monotonic_ns())
-        if complaint is not None and self._good:
+        if complaint is not None and self._good and numb is None:
             self.hold.trouble(complaint, time.time_ns())
         self._good = complaint is None
 
