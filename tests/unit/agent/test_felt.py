@@ -7,11 +7,18 @@ from typing import Literal
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
+from experiments.lab.in_process import InProcessRun
 from services.agent.felt import FeltLearner
+from services.agent.fold import AgentFold
+from services.classifier.fold import ClassifierFold
+from services.rules import skill as skill_file
 from services.rules.plugins import Lesson, feels
 from services.rules.wrench import Wrench
 from services.wire.definition import FeltModel, Greedy, Moves, NamedMove, Policy, Softmax, Thompson
+from services.wire.definition_file import load
+from services.wire.errors import TreenailError
 
 MOVES = Moves()
 INSERT = 4
@@ -214,3 +221,50 @@ def test_moves_of_several_sizes_share_a_line() -> None:
     subject.finish_felt(Lesson(0, 0, 5.0, LEFT, "inserted"))
     model = subject.opinion(0, LEFT, 0).model
     assert (model != 0.0).tolist() == [True, True, False, False, False]
+
+
+def test_a_run_is_rebuilt_from_its_journal_and_from_any_checkpoint() -> None:
+    definition = load("suite-round")
+    whole = InProcessRun(definition, 21)
+    entries, checkpoints = [], []
+    for _ in range(6):
+        checkpoints.append((whole.agent.snapshot(), whole.classifier.snapshot()))
+        next(whole.episodes(1))
+        entries.append(whole.task.record())
+    for begun in range(6):
+        agent = AgentFold(definition, whole.run, 21)
+        classifier = ClassifierFold(definition, whole.run)
+        agent.restore(checkpoints[begun][0])
+        classifier.restore(checkpoints[begun][1])
+        # What a process that was killed in the last episode finds: the task knows of half of it.
+        half = replace(entries[-1], steps=entries[-1].steps[: len(entries[-1].steps) // 2], summary=None)
+        for entry in (*entries[begun:-1], half, entries[-1]):
+            agent.replay(entry)
+            classifier.replay(entry)
+        assert agent.snapshot() == whole.agent.snapshot()
+        assert classifier.snapshot() == whole.classifier.snapshot()
+
+
+def test_a_skill_of_it_fits_what_feels_the_same_only() -> None:
+    run = InProcessRun(load("suite-round"), 22)
+    list(run.episodes(2))
+    learnt = skill_file.parse(skill_file.file_bytes(run.learnt())).skill
+    skill_file.fits(learnt, load("suite-round-tight"))
+    table = ["shaping.price_per_n=0.0", "policy.kind=softmax", "learner.kind=q_learning"]
+    for changes in (["felt.torque=tip", "felt.lever_mm=0.0"], ["learner.unit_n=2.0"], table):
+        with pytest.raises(skill_file.SkillError, match=r"torques|unit_n|learner\.kind"):
+            skill_file.fits(learnt, load("suite-round", changes))
+    goes_on = InProcessRun(load("suite-round"), 23, skill=run.learnt())
+    assert goes_on.agent.learner.digest() == run.agent.learner.digest()
+    list(goes_on.episodes(1))
+
+
+def test_a_memory_that_no_learner_can_have_is_no_skill() -> None:
+    run = InProcessRun(load("suite-round"), 22)
+    list(run.episodes(1))
+    skill = run.learnt().skill
+    size = len(skill.agent["theta"])  # type: ignore[arg-type]
+    for change in ({"theta": b""}, {"theta": np.full(size // 8, np.inf).tobytes()}, {"lines": 2}, {"features": 0}):
+        broken = replace(skill, agent={**skill.agent, **change})
+        with pytest.raises(TreenailError, match="skill: "):
+            skill_file.parse(skill_file.file_bytes(skill_file.named(broken)))
