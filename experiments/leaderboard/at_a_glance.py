@@ -11,7 +11,7 @@ from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from experiments.evaluate.run import RULE
 from experiments.lab import bands
-from experiments.leaderboard.board import Board
+from experiments.leaderboard.board import Board, best_rule
 from experiments.leaderboard.figures import FIRST, Figures
 
 MARKS = {"treenail": ("o", "#0072B2"), "table": ("s", "#E69F00"), RULE: ("|", "#000000"), "oracle": ("*", "#009E73")}
@@ -53,8 +53,12 @@ def picture(board: Board) -> bytes | None:
 
 
 def _drawn(board: Board, task: str) -> dict[str, Figures]:
-    rows = {name: board.row(task, name) for name in MARKS}
-    return {name: row["figures"] for name, row in rows.items() if row is not None and row["figures"] is not None}
+    """Return what is drawn of a task; the rule is the better of the hand-written ones."""
+    rows = {(task, row["method"]): row["figures"] for row in board.rows if row["task"] == task and row["figures"]}
+    made = {place: figures for place, figures in rows.items() if figures is not None}
+    drawn = {name: made[task, name] for name in MARKS if (task, name) in made}
+    rule = best_rule(task, made)
+    return drawn if rule is None else {**drawn, RULE: rule}
 
 
 def _force(axes: Axes, place: int, of_task: Mapping[str, Figures]) -> None:
