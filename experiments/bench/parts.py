@@ -9,6 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from experiments.bench import bare_physics
 from experiments.bench.pattern import timed
 from experiments.bench.values import Value, spread
 from services.agent.learning import Learner
@@ -34,8 +35,9 @@ _RUN = "bench"
 
 def sim(definition: Definition, seed: int, moves: int, episodes: int, rounds: int) -> dict[str, Value]:
     """Measure lateral moves in free air and in contact, and the motions of whole episodes."""
-    free, contact, whole = [], [], []
+    free, contact, whole, bare = [], [], [], []
     for _ in range(rounds):
+        bare.append(bare_physics.moves_per_s(definition, moves))
         free.append(moves / _sweep(definition, seed, moves, in_contact=False))
         contact.append(moves / _sweep(definition, seed, moves, in_contact=True))
         run = timed(definition, seed, episodes)
@@ -48,6 +50,7 @@ def sim(definition: Definition, seed: int, moves: int, episodes: int, rounds: in
         "episodes": episodes,
         "free_moves_per_s": spread(free),
         "contact_moves_per_s": spread(contact),
+        "bare_sapien_moves_per_s": spread(bare),
         "episode_motions_per_s": spread(whole),
     }
 

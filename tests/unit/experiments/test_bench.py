@@ -149,7 +149,7 @@ def _figures(value: object, name: str = "") -> Iterator[tuple[str, Mapping[str, 
 @pytest.mark.parametrize(
     ("words", "figures"),
     [
-        (("sim", "--moves", "200", "--episodes", "1", "--set", SHORT[0]), 3),
+        (("sim", "--moves", "200", "--episodes", "1", "--set", SHORT[0]), 4),
         (("art2", "--steps", "5"), 3 * len(ART2_CASES)),
         (("learner", "--steps", "20"), 3),
     ],
