@@ -14,6 +14,8 @@ from experiments.bench.__main__ import SUMMARIES
 from experiments.bench.every import FIGURES, PARTS, Part, table
 from experiments.bench.values import machine, spread
 
+DOCS = Path(__file__).parents[3] / "docs"
+
 
 def results() -> dict[str, Any]:
     """Return results that have every figure of the table: 1, 2, 3 and so on."""
@@ -81,3 +83,7 @@ def test_the_page_has_the_newest_table_and_those_before(tmp_path: Path) -> None:
     lines = [line for line in text.splitlines() if line.startswith("| 2")]
     assert len(lines) == 2
     assert len({line.count("|") for line in text.split("## Before")[1].splitlines() if line.startswith("|")}) == 1
+
+
+def test_the_page_in_the_repository_is_made_of_its_history() -> None:
+    assert (DOCS / "performance.md").read_text() == page.page(json.loads((DOCS / "performance.json").read_text()))
