@@ -98,7 +98,7 @@ def table(results: Mapping[str, Value]) -> list[Value]:
 
 def _run(part: Part, within_s: float) -> dict[str, Value]:
     """Return the results of one benchmark, or what became of it."""
-    command = module_command("experiments.bench", part.name, "--json", *part.options)
+    command = module_command("treenail.__main__", "bench", part.name, "--json", *part.options)
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=within_s, check=False)
         results: dict[str, Value] = json.loads(done.stdout)["results"]
