@@ -19,6 +19,7 @@ from services.robot_ur.settings import Settings
 from services.robot_ur.states import State
 from services.robot_ur.wrist import Wrist
 from services.rules.ft_counts import FtCounts
+from services.rules.hold import StoppedError
 from services.rules.motions import ArmError
 from services.wire.keys import FT
 from services.wire.messages import Experiment, FtPacket, Resume
@@ -115,6 +116,12 @@ class UrShell(RobotShell[Script]):
         if self._wrist is None:
             return super().arrived_ns()
         return self._wrist.t_ns + round(1e9 * self._settings.settle_s)
+
+    def on_home(self, asked: Asked, request: Request) -> None:
+        """See RobotShell; an arm that is held says first why it could not move anyway."""
+        if self.hold.held and not self._ur.ready:
+            raise StoppedError(f"{self._ur.trouble}; and then `treenail resume`")
+        super().on_home(asked, request)
 
     def on_resume(self, asked: Asked, request: Request) -> None:
         """See RobotShell; recovers the arm as far as the settings allow, and waits a moment for it."""

@@ -16,7 +16,8 @@ from services.robot_ur.settings import Settings
 from services.robot_ur.states import PLAYING, State
 from services.rules.guard import Guard
 from services.wire.definition import Definition
-from services.wire.messages import FtPacket
+from services.wire.keys import HOME
+from services.wire.messages import FtPacket, Home, Moved, Refusal
 
 STATE = State(5.0, from_ur((0.0,) * 6), 0.0, (0.0,) * 6, (0.0,) * 6, 7, 1, PLAYING, 0.0, (0.0,) * 3)
 
@@ -67,6 +68,18 @@ def test_what_a_person_or_a_safety_device_stopped_is_held_for_any_arm(
     assert shell.hold.held
     assert "protective stop" in shell.hold.stop.why
     assert link.allowed == 0
+
+
+def test_a_held_arm_that_could_not_move_anyway_says_why(made: tuple[FakeService, UrShell, StandingLink]) -> None:
+    service, shell, link = made
+    shell.on_lost(StateError("protective stop"), Cause.SAFETY)
+    link.trouble = "robot: expected a controller at 192.168.0.10, nobody answers there"
+    service.answer_later(HOME, shell.on_home)
+    home = Home(run="r", episode=0, x_mm=0.0, y_mm=0.0, z_mm=-1.0, rx_deg=0.0, ry_deg=0.0, rz_deg=0.0)
+    answer = service.answer_to(Moved, HOME, home)
+    assert isinstance(answer, Refusal)
+    assert answer.reason == "stopped"
+    assert answer.message == f"{link.trouble}; and then `treenail resume`"
 
 
 def test_another_loss_holds_a_real_arm_only(made: tuple[FakeService, UrShell, StandingLink], emulated: bool) -> None:
