@@ -49,6 +49,7 @@ def usable(definition: Definition) -> Definition:
     for section in (
         *named,
         "limits",
+        "hole",
         "start",
         "parts",
         "contact",
@@ -59,6 +60,7 @@ def usable(definition: Definition) -> Definition:
         "calibration",
         "tool",
         "classifier",
+        "changes",
     ):
         if contradiction(definition):
             definition = msgspec.structs.replace(definition, **{section: getattr(usual, section)})
