@@ -77,7 +77,7 @@ def ends(hint: object, path: Path_, value: Any) -> Iterator[tuple[Path_, int]]:
         raise AssertionError(f"{path}: expected an integer with a range")
     elif isinstance(hint, type) and issubclass(hint, Struct):
         for name, inner in get_type_hints(hint, include_extras=True).items():
-            if name in hint.__struct_fields__ and hint.__module__ != "services.wire.definition":
+            if name in hint.__struct_fields__ and not hint.__module__.startswith("services.wire.definition"):
                 yield from ends(inner, (*path, name), value.get(name) if isinstance(value, dict) else None)
     elif get_origin(hint) is tuple and value:
         first = get_args(hint)[0]
