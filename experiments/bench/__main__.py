@@ -12,6 +12,7 @@ from experiments.bench.values import Value, machine
 from services.rules import command_line
 from services.rules.command_line import Parser, number, whole
 from services.wire.definition_file import load
+from services.wire.errors import TreenailError
 from services.wire.randomness import MAX_SEED
 
 PROGRAM = "treenail bench"
@@ -45,6 +46,8 @@ def main(words: Sequence[str] | None = None) -> int:
 
 
 def _act(arguments: argparse.Namespace) -> int:
+    if arguments.bench == "all" and arguments.page is not None and not arguments.page.is_dir():
+        raise TreenailError(f"--page: expected a folder, got {str(arguments.page)!r}")  # now, not in ten minutes
     report: dict[str, Value] = {"bench": arguments.bench, "machine": machine()}
     results = _measure(arguments)
     report |= {"results": results}
@@ -170,7 +173,7 @@ def _parser() -> argparse.ArgumentParser:
             command.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a setting")
             command.add_argument("--seed", type=whole(0, MAX_SEED), default=0, help="seed of the run")
     commands.choices["all"].add_argument(
-        "--page", type=_folder, metavar="FOLDER", help="add to performance.json there, and make performance.md of it"
+        "--page", type=Path, metavar="FOLDER", help="add to performance.json there, and make performance.md of it"
     )
     loop, sim = commands.choices["loop"], commands.choices["sim"]
     query = commands.choices["query"]
@@ -214,13 +217,6 @@ def _add_long_ones(commands: Mapping[str, argparse.ArgumentParser]) -> None:
     fleet.add_argument("--cells", type=_counts, default=(1, 2, 4, 8), metavar="N,...", help="default: 1,2,4,8")
     fleet.add_argument("--episodes", type=whole(2), default=60, help="of each cell")
     add_arguments(commands["scale"])
-
-
-def _folder(text: str) -> Path:
-    """Return a folder that is there."""
-    if not Path(text).is_dir():
-        raise argparse.ArgumentTypeError(f"expected a folder, got {text!r}")
-    return Path(text)
 
 
 def _counts(text: str) -> tuple[int, ...]:

@@ -13,6 +13,16 @@ from services.wire.definition import Definition
 from services.wire.messages import Observation
 from services.wire.randomness import Role, generator
 
+RULE, TIP_RULE, SPIRAL, RANDOM = "rule", "rule-tip", "spiral", "random"
+RULES = (RULE, TIP_RULE)
+"""What a learner is held against: two ways to write the same rule, of which now one, now the other is better."""
+BASELINES = {
+    RULE: "a hand-written compliance rule: give way to force and torque, else step in +Z",
+    TIP_RULE: "the same rule with the torque referred to the peg's tip",
+    SPIRAL: "the rule with a search in a spiral where it is pressed on a flat face",
+    RANDOM: "any move, each as likely",
+}
+
 ACTION = {name: index for index, name in enumerate(ACTION_NAMES)}
 
 TURN_N_PER_NM = 4.0

@@ -5,23 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from experiments.evaluate.controllers import ComplianceRule, Controller, RandomMoves, SpiralRule, TipRule
+from experiments.evaluate.controllers import (
+    RANDOM,
+    SPIRAL,
+    TIP_RULE,
+    ComplianceRule,
+    Controller,
+    RandomMoves,
+    SpiralRule,
+    TipRule,
+)
 from experiments.evaluate.figures import Figures, figures
 from experiments.evaluate.frozen import FrozenSkill
 from experiments.evaluate.trial import Trial, trial
 from experiments.lab import pool
 from services.rules.skill import NamedSkill
 from services.wire.definition import Definition
-
-RULE, TIP_RULE, SPIRAL, RANDOM = "rule", "rule-tip", "spiral", "random"
-RULES = (RULE, TIP_RULE)
-"""What a learner is held against: two ways to write the same rule, of which now one, now the other is better."""
-BASELINES = {
-    RULE: "a hand-written compliance rule: give way to force and torque, else step in +Z",
-    TIP_RULE: "the same rule with the torque referred to the peg's tip",
-    SPIRAL: "the rule with a search in a spiral where it is pressed on a flat face",
-    RANDOM: "any move, each as likely",
-}
 
 
 class Method(NamedTuple):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from experiments.evaluate.run import RULES
+from experiments.evaluate.controllers import RULES
 from experiments.leaderboard.methods import METHODS, TABLE, TREENAIL, Method
 
 TASKS = ("suite-round", "suite-square", "suite-noisy", "suite-stiff-wrist", "suite-chamferless")

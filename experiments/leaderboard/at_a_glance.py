@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from experiments.evaluate.run import RULE
+from experiments.evaluate.controllers import RULE
 from experiments.lab import bands
 from experiments.leaderboard.board import Board, best_rule
 from experiments.leaderboard.figures import FIRST, Figures

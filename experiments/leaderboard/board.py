@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple, TypedDict
 
-from experiments.evaluate.run import RULES
+from experiments.evaluate.controllers import RULES
 from experiments.leaderboard.figures import Figures, figures, ratio
 from experiments.leaderboard.jobs import Outcome
 from experiments.leaderboard.methods import Method

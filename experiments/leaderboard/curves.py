@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from experiments.evaluate.run import RULE
+from experiments.evaluate.controllers import RULE
 from experiments.lab import bands
 from experiments.leaderboard.figures import INSERTED
 from experiments.leaderboard.jobs import Outcome

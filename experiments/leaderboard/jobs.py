@@ -10,8 +10,8 @@ from typing import Any
 
 import msgspec
 
+from experiments.evaluate.controllers import BASELINES
 from experiments.evaluate.frozen import FrozenSkill
-from experiments.evaluate.run import BASELINES
 from experiments.evaluate.run import Method as Controlled
 from experiments.evaluate.trial import trial
 from experiments.lab.pool import Tell

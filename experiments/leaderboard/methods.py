@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 import msgspec
 
-from experiments.evaluate.run import BASELINES, RULE, RULES, TIP_RULE
+from experiments.evaluate.controllers import BASELINES, RULE, RULES, TIP_RULE
 from services.rules import skill as skill_file
 from services.rules.skill import NamedSkill
 from services.wire.definition import Definition

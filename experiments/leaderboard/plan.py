@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from experiments.evaluate.run import RANDOM, RULES
+from experiments.evaluate.controllers import RANDOM, RULES
 from experiments.leaderboard.jobs import Job
 from experiments.leaderboard.methods import TREENAIL, Method, changed
 from experiments.leaderboard.suite import SLOW_MOVES, moves_expected

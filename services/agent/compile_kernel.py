@@ -14,7 +14,7 @@ from numba.core.errors import NumbaPendingDeprecationWarning
 NAME = "felt_machine_code"
 SIGNATURES = {
     "judge": "void(f8[::1], f8, i8[::1], f8[::1], f8[:, ::1], f8[:, :, ::1], f8[:, ::1])",
-    "fit": "void(f8[::1], f8, f8, f8, f8, f8[::1], f8[:, ::1])",
+    "fit": "void(f8[::1], f8, f8, f8, f8, f8, f8[::1], f8[:, ::1])",
 }
 """What ``felt.py`` calls, with the types that it calls it with."""
 

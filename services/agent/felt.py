@@ -149,7 +149,9 @@ class FeltLearner(Learner):
         model, line = self._model, int(self._lines[action])
         told = min(model.reward_limit, max(-model.reward_limit, reward))
         size = float(self._sizes[action])
-        kernel.fit(wrench, model.unit_n, size, told, model.keep, self._theta[line], self._covariances[line])
+        kernel.fit(
+            wrench, model.unit_n, size, told, model.drift, 1.0 / model.ridge, self._theta[line], self._covariances[line]
+        )
         return told
 
     def _follow(self, lesson: Lesson, worth: float) -> None:

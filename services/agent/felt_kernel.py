@@ -124,19 +124,31 @@ def judge(
 
 
 @_compiled
-def fit(wrench: Array, unit_n: float, size: float, target: float, keep: float, theta: Array, covariance: Array) -> None:
+def fit(
+    wrench: Array,
+    unit_n: float,
+    size: float,
+    target: float,
+    drift: float,
+    most: float,
+    theta: Array,
+    covariance: Array,
+) -> None:
     """Teach a line what a move of a signed size earned at a wrench: one step of recursive least squares.
 
     ``theta``, shape (FEATURES,), and ``covariance``, shape (FEATURES, FEATURES), are changed by the formula of Sherman
-    and Morrison; ``keep`` below 1 lets what was learnt before count that much less.
+    and Morrison. Before it the covariance goes the part ``drift`` of the way back to what it was at first, ``most`` for
+    each part of theta: what is long ago counts less, and what is never seen again is as unsure as it was at first, no
+    more (a factor of forgetting would let it grow beyond all bounds).
     """
     plain, x, px = np.empty(FEATURES), np.empty(FEATURES), np.empty(FEATURES)
     features(wrench, unit_n, plain)
     sized(plain, size, x)
-    if keep < 1.0:
+    if drift > 0.0:
         for i in range(FEATURES):
             for j in range(FEATURES):
-                covariance[i, j] = covariance[i, j] / keep
+                covariance[i, j] = covariance[i, j] * (1.0 - drift)
+            covariance[i, i] = covariance[i, i] + drift * most
     scale = 1.0 / (1.0 + spread(covariance, x, px))
     mean = 0.0
     for i in range(FEATURES):

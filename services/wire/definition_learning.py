@@ -133,8 +133,9 @@ class FeltModel(Checked, frozen=True, kw_only=True, tag_field="kind", tag="felt"
     """Scale of the model's features: about the force at which things change."""
     ridge: Annotated[float, Meta(gt=0, le=1e6)] = 1.0
     """How strongly the model holds that nothing earns anything before it has seen otherwise."""
-    keep: Annotated[float, Meta(ge=0.9, le=1)] = 1.0
-    """What the model's observations so far weigh after each further one; 1 forgets nothing."""
+    drift: Fraction = 0.003
+    """How unsure the model becomes of what it holds with each observation, as a part of how unsure it was at first:
+    what is long ago counts less. 0 holds that nothing ever changes."""
     reward_limit: Annotated[float, Meta(gt=0, le=1e6)] = 20.0
     """Most, up or down, that one reward tells the model; of a collision's the table is told the rest."""
     value_limit: Annotated[float, Meta(gt=0, le=1e6)] = 20.0

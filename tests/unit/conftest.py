@@ -61,6 +61,10 @@ def usable(definition: Definition) -> Definition:
         "tool",
         "classifier",
         "changes",
+        "policy",
+        "learner",
+        "shaping",
+        "felt",
     ):
         if contradiction(definition):
             definition = msgspec.structs.replace(definition, **{section: getattr(usual, section)})
@@ -178,7 +182,7 @@ def wrong_lengths(arguments: tuple[Any, ...], limits: dict[str, Any], value: Any
     if Ellipsis not in arguments:
         return [items[:-1], [*items, items[0]], []]
     short: list[list[Any]] = [[]] if limits.get("min_length") else []
-    long = [items[:1] * (limits["max_length"] + 1)] if "max_length" in limits else []
+    long = [items[:1] * (limits["max_length"] + 1)] if "max_length" in limits and items else []
     return [*short, *long]
 
 

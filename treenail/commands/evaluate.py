@@ -10,8 +10,9 @@ from msgspec import to_builtins
 from rich import box
 from rich.table import Table
 
+from experiments.evaluate.controllers import BASELINES, RULES
 from experiments.evaluate.figures import Figures
-from experiments.evaluate.run import BASELINES, RULES, Method, evaluate
+from experiments.evaluate.run import Method, evaluate
 from experiments.lab.pool import usable_cores
 from experiments.lab.progress import reporter
 from services.cell.terminal import console

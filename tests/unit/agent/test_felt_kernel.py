@@ -51,19 +51,36 @@ def test_no_wrench_at_all_has_no_direction(wrench: Array) -> None:
     assert features(np.zeros(6))[: kernel.ODD].tolist() == [0.0] * kernel.ODD
 
 
-@pytest.mark.parametrize("keep", [1.0, 0.98])
-def test_step_by_step_it_is_the_ridge_regression_of_all(keep: float) -> None:
+@pytest.mark.parametrize("drift", [0.0, 0.01])
+def test_step_by_step_it_is_the_ridge_regression_of_all(drift: float) -> None:
     draws = np.random.default_rng(5)
-    theta, covariance = np.zeros(kernel.FEATURES), np.eye(kernel.FEATURES) / 2.0
+    theta, covariance, most = np.zeros(kernel.FEATURES), np.eye(kernel.FEATURES) / 2.0, 0.5
     inverse, moment = 2.0 * np.eye(kernel.FEATURES), np.zeros(kernel.FEATURES)
     for _ in range(300):
         wrench, size, reward = draws.normal(0.0, 4.0, 6), float(draws.choice([-1.0, 0.5, 1.0])), float(draws.normal())
-        kernel.fit(wrench, UNIT_N, size, reward, keep, theta, covariance)
+        kernel.fit(wrench, UNIT_N, size, reward, drift, most, theta, covariance)
         x = features(wrench, size)
-        inverse, moment = keep * inverse + np.outer(x, x), keep * moment + reward * x
+        if drift:  # what is held becomes less sure before the next is seen, though never less than at first
+            mean, before = np.linalg.solve(inverse, moment), np.linalg.inv(inverse)
+            inverse = np.linalg.inv((1.0 - drift) * before + drift * most * np.eye(kernel.FEATURES))
+            moment = inverse @ mean
+        inverse, moment = inverse + np.outer(x, x), moment + reward * x
         assert (covariance == covariance.T).all()
     assert theta == pytest.approx(np.linalg.solve(inverse, moment), abs=1e-6)
     assert covariance == pytest.approx(np.linalg.inv(inverse), abs=1e-6)
+    assert np.linalg.eigvalsh(covariance).max() <= most + 1e-12
+
+
+def test_what_has_changed_is_learnt_again_only_where_it_may_have() -> None:
+    wrench, most = np.array([0.4, 0.0, -1.0, 0.0, 0.2, 0.0]), 1.0
+    told = {}
+    for drift in (0.0, 0.01):
+        theta, covariance = np.zeros(kernel.FEATURES), np.eye(kernel.FEATURES)
+        for reward in (5.0,) * 300 + (-5.0,) * 30:
+            kernel.fit(wrench, UNIT_N, 1.0, reward, drift, most, theta, covariance)
+        told[drift] = float(theta @ features(wrench, 1.0))
+    assert told[0.0] > 3.0, "three hundred observations outweigh thirty"
+    assert told[0.01] < -2.0
 
 
 def test_what_is_judged_is_the_mean_and_the_deviation_of_each_move() -> None:

@@ -10,10 +10,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.evaluate.controllers import ACTION, ComplianceRule, RandomMoves, SpiralRule, TipRule
+from experiments.evaluate.controllers import (
+    ACTION,
+    BASELINES,
+    RULE,
+    RULES,
+    ComplianceRule,
+    RandomMoves,
+    SpiralRule,
+    TipRule,
+)
 from experiments.evaluate.figures import figures, wilson
 from experiments.evaluate.frozen import FrozenSkill
-from experiments.evaluate.run import BASELINES, RULE, RULES, Method, evaluate
+from experiments.evaluate.run import Method, evaluate
 from experiments.evaluate.trial import Trial, trial
 from experiments.lab.in_process import InProcessRun
 from experiments.leaderboard.methods import changed, methods

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.evaluate.run import RULE, RULES, TIP_RULE
+from experiments.evaluate.controllers import RULE, RULES, TIP_RULE
 from experiments.lab.in_process import InProcessRun
 from experiments.lab.progress import Lines
 from experiments.leaderboard import jobs as jobs_module

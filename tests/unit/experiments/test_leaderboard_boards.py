@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.evaluate.run import RULES
+from experiments.evaluate.controllers import RULES
 from experiments.lab.progress import Lines
 from experiments.leaderboard import ablation, lasting, transfer
 from experiments.leaderboard.boards import BOARDS, Wanted
