@@ -62,8 +62,9 @@ def test_step_by_step_it_is_the_ridge_regression_of_all(drift: float) -> None:
         x = features(wrench, size)
         if drift:  # what is held becomes less sure before the next is seen, though never less than at first
             mean, before = np.linalg.solve(inverse, moment), np.linalg.inv(inverse)
-            inverse = np.linalg.inv((1.0 - drift) * before + drift * most * np.eye(kernel.FEATURES))
-            moment = inverse @ mean
+            first = most * np.eye(kernel.FEATURES)
+            inverse = np.linalg.inv((1.0 - drift) * before + drift * first).astype(np.float64)
+            moment = (inverse @ mean).astype(np.float64)
         inverse, moment = inverse + np.outer(x, x), moment + reward * x
         assert (covariance == covariance.T).all()
     assert theta == pytest.approx(np.linalg.solve(inverse, moment), abs=1e-6)
