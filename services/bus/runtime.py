@@ -12,8 +12,9 @@ _NAME = "ZENOH_RUNTIME"
 _TOGETHER = "rx: (handover: app), net: (handover: app), acc: (handover: app)"
 SERVICE = f"(app: (worker_threads: 2), {_TOGETHER}, tx: (handover: app))"
 """One pool for all. In a service no thread of it ever waits for room to send: our own loop does."""
-ROUTER = f"(app: (worker_threads: 16), {_TOGETHER}, tx: (worker_threads: 2))"
-"""Sending apart, and threads to spare: one that passes on an answer to who takes nothing may be lost for seconds."""
+ROUTER = "(rx: (worker_threads: 16), tx: (worker_threads: 2))"
+"""Receiving has threads to spare: one that passes on an answer to who takes nothing may be lost for seconds. And it
+shares none with the rest: a router that reads 24 MB in one pool for all loses who is to be given them."""
 
 
 def use(pools: str) -> None:

@@ -49,7 +49,20 @@ def test_the_example_learns_and_is_one_truth(installed: Path, tmp_path: Path) ->
     run(tmp_path, installed, "experiment", "run", "chamfered-q-softmax", "--episodes", "8", "--out", "alone", *settings)
     run(tmp_path, installed, "experiment", "run", "chamfered-q-softmax", "--episodes", "8", "--out", "plain")
     ports = ("--port", "0", "--no-viewer")
-    run(tmp_path, installed, "up", "sim", "--episodes", "8", "--out", "cell", *ports, *settings)
+    run(
+        tmp_path,
+        installed,
+        "up",
+        "sim",
+        "--experiment",
+        "chamfered-q-softmax",
+        "--episodes",
+        "8",
+        "--out",
+        "cell",
+        *ports,
+        *settings,
+    )
     digests = {
         name: json.loads(next((tmp_path / name).rglob("summary.json")).read_text())["runs"][0]["digests"]
         for name in ("alone", "plain", "cell")

@@ -71,5 +71,5 @@ def test_a_folder_without_all_certificates_is_one_line_and_nothing_is_started(
     process = up(tmp_path / "A", 3, "--certs", str(tmp_path / "some"))
     assert process.end() == 2
     (line,) = process.err.splitlines()
-    assert f"{tmp_path}/some/sim/ca.pem: expected what treenail certs makes" in line
+    assert f"{tmp_path}/some/classifier/ca.pem: expected what treenail certs makes" in line
     assert not (tmp_path / "A").exists()
