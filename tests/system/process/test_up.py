@@ -22,9 +22,12 @@ from typing import Any
 import pytest
 
 from experiments.lab.skills import digests
+from services.bus.session import open_client
 from services.rules.skill import read
 
 EPISODES = 24
+LONG = 100
+"""Episodes of a run that is still under way when it has a checkpoint and is stopped."""
 """More than there are between two checkpoints."""
 ELSEWHERE = (
     "parts.shape=triangle",
@@ -107,9 +110,12 @@ def test_a_stopped_run_leaves_nothing_behind_and_goes_on_when_started_again(
     number: signal.Signals,
 ) -> None:
     out = tmp_path / "A"
-    process = up(out, EPISODES)
+    process = up(out, LONG)
     after_actions(endpoint_of(out), 120)
     wait_until("all run", lambda: set(process.children()) == SERVICES)
+    # Without a checkpoint of both workers there is nothing to sum up.
+    with open_client([endpoint_of(out)], 30.0) as session:
+        wait_until("a checkpoint", lambda: any(r.ok for r in session.get("treenail/a/checkpoint/*/agent/latest")))
     pids = list(process.children().values())
     status = process.stop(number, SOON_S)
     if number == signal.SIGKILL:
@@ -127,14 +133,14 @@ def test_a_stopped_run_leaves_nothing_behind_and_goes_on_when_started_again(
     if number == signal.SIGINT:
         summary = json.loads((out / "summary.json").read_text())
         (run,) = summary["runs"]
-        assert 0 < run["episodes"] <= EPISODES
-        assert summary.get("interrupted", {"episodes": run["episodes"]})["episodes"] == EPISODES
+        assert 0 < run["episodes"] <= LONG
+        assert summary.get("interrupted", {"episodes": run["episodes"]})["episodes"] == LONG
         assert run["digests"] == reference(run["episodes"]), "what was learnt in the finished episodes alone"
         skill = read(out / "seed1.skill")
         assert digests(skill.skill)["q_table"] == run["digests"]["q_table"]
-    again = up(out, EPISODES)
+    again = up(out, LONG)
     assert again.end() == 0, again.err
-    assert digests_in(out) == reference(EPISODES)
+    assert digests_in(out) == reference(LONG)
     assert "interrupted" not in (out / "summary.json").read_text()
     assert re.search(r"^resuming from episode [1-9]", again.out, re.MULTILINE)
     assert "goes on with episode" in (out / "logs" / "task.log").read_text()
