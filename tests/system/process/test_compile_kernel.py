@@ -36,7 +36,7 @@ from services.rules.plugins import Lesson
 from services.rules.wrench import Wrench
 from services.wire.definition import FeltModel, Moves, Thompson
 draw, previous, decided = np.random.default_rng(5), None, []
-subject = FeltLearner(Moves(), FeltModel(keep=0.999), Thompson(), 3)
+subject = FeltLearner(Moves(), FeltModel(drift=0.001), Thompson(), 3)
 for step in range(2000):
     fx, fy, fz, tx, ty, tz = draw.normal(size=6).tolist()
     felt = Wrench((fx, fy, fz), (tx, ty, tz))
