@@ -13,10 +13,12 @@ import math
 from collections.abc import Callable
 from importlib import import_module
 from types import ModuleType
-from typing import TypeVar, cast
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from services.rules.compiled import compiled
 
 try:
     # Made ahead by compile_kernel.py, for container images: the compiler alone takes 190 MB.
@@ -42,15 +44,7 @@ SILENT = -2
 
 
 def _compiled(function: Function) -> Function:
-    """Return the function as machine code: made ahead, or at the first call and kept where numba may write."""
-    if machine_code is not None:
-        return cast(Function, getattr(machine_code, function.__name__, function))
-    from numba import njit
-
-    try:
-        return cast(Function, njit(cache=True, fastmath=False)(function))
-    except RuntimeError:  # neither beside this file nor at home, as in a read-only installation: compiled at each start
-        return cast(Function, njit(fastmath=False)(function))
+    return compiled(function, machine_code)
 
 
 @_compiled

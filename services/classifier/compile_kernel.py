@@ -7,9 +7,9 @@ the compiler beside it. Needs numba and a C compiler; the module goes next to ``
 from __future__ import annotations
 
 import sys
-import warnings
 
-from numba.core.errors import NumbaPendingDeprecationWarning
+from services.classifier import art2_kernel
+from services.rules.compiled import build
 
 NAME = "art2_machine_code"
 SIGNATURES = {
@@ -18,20 +18,5 @@ SIGNATURES = {
 """What ``art2.py`` calls, with the types that it calls it with."""
 
 
-def build(folder: str) -> str:
-    """Write the extension module into ``folder`` and return its path."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", NumbaPendingDeprecationWarning)  # its successor is not there yet
-        from numba.pycc import CC  # type: ignore[attr-defined]
-    from services.classifier import art2_kernel
-
-    compiler = CC(NAME)  # type: ignore[no-untyped-call]
-    compiler.output_dir = folder
-    for name, signature in SIGNATURES.items():
-        compiler.export(name, signature)(getattr(art2_kernel, name).py_func)  # type: ignore[no-untyped-call]
-    compiler.compile()
-    return str(compiler.output_file)
-
-
 if __name__ == "__main__":
-    print(build(sys.argv[1]))
+    print(build(NAME, art2_kernel, SIGNATURES, sys.argv[1]))
