@@ -6,15 +6,12 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from experiments.evaluate.controllers import Controller
-from experiments.lab.guided import make
+from experiments.lab.guided import make, told
 from services.sim.cell import SimulatedCell
 from services.task.insertion import Insertion
 from services.wire.definition import Definition
 from services.wire.definition_file import run_id
-from services.wire.messages import Action, EpisodeSummary, Home, Move, Observation
-
-POLICY_VERSION = 0
-"""Nothing is learnt, so that what decides is the same throughout."""
+from services.wire.messages import EpisodeSummary, Home, Move
 
 
 class Trial(NamedTuple):
@@ -49,21 +46,8 @@ def trial(
                 break
             choice = controller.decide(then)
             states.add(choice.state)
-            motion = task.act(_action(then, choice.action, choice.state))
+            motion = task.act(told(then, choice.action, choice.state))
         summaries.append(then)
         decisions += then.decisions
         done(episode + 1)
     return Trial(seed, tuple(summaries), frozenset(states))
-
-
-def _action(felt: Observation, action: int, state: int) -> Action:
-    return Action(
-        run=felt.run,
-        episode=felt.episode,
-        step=felt.step,
-        decision=felt.decision,
-        state=state,
-        action=action,
-        policy_version=POLICY_VERSION,
-        swaps=felt.swaps,
-    )

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from services.rules.window import Load
 from services.task.insertion import Insertion
-from services.wire.messages import EpisodeSummary, FtPacket, Home, Move, Moved, Observation, Reward
+from services.wire.messages import Action, EpisodeSummary, FtPacket, Home, Move, Moved, Observation, Reward
 
 Seen = Callable[[Moved, FtPacket], object]
 """Hears of every motion what was applied and what was felt after it."""
@@ -48,6 +48,20 @@ def make(task: Insertion, cell: Cell, motion: Home | Move, seen: Seen = lambda _
         if not isinstance(felt.then, Move):
             return Reached(felt.reward, felt.then, packet)
         motion = felt.then
+
+
+def told(asked: Observation, action: int, state: int = 0) -> Action:
+    """Return the action of who decides without an agent's memory: of policy version 0."""
+    return Action(
+        run=asked.run,
+        episode=asked.episode,
+        step=asked.step,
+        decision=asked.decision,
+        state=state,
+        action=action,
+        policy_version=0,
+        swaps=asked.swaps,
+    )
 
 
 def _of(packet: FtPacket, load: Load) -> FtPacket:

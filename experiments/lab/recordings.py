@@ -16,8 +16,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from experiments.lab.contact_states import Sample
-from experiments.lab.guided import make
-from experiments.lab.rehearsal import told
+from experiments.lab.guided import make, told
 from services.sim.cell import SimulatedCell
 from services.sim.pose import Pose, rotation_vector
 from services.task.insertion import Insertion

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from experiments.lab.guided import told
 from services.rules.motions import GuardError
 from services.sim.cell import SimulatedCell
 from services.task.insertion import Insertion
@@ -15,7 +16,7 @@ from services.wire.actions import INSERT
 from services.wire.definition import SPREADS, Definition
 from services.wire.definition_file import run_id
 from services.wire.errors import TreenailError
-from services.wire.messages import Action, EpisodeSummary, Observation
+from services.wire.messages import EpisodeSummary, Observation
 
 _ERRORS = ("force_n", "torque_nm", "along_mm", "across_mm", "turn_deg")
 
@@ -121,16 +122,3 @@ class Rehearsal:
             motions.append(action)
             decided.append(isinstance(then, Observation))
             moved, packet = self._cell.move(move)
-
-
-def told(observation: Observation, action: int) -> Action:
-    """Return the action of who decides without an agent's memory: of state 0 and policy version 0."""
-    return Action(
-        run=observation.run,
-        episode=observation.episode,
-        step=observation.step,
-        decision=observation.decision,
-        state=0,
-        action=action,
-        policy_version=0,
-    )

@@ -10,13 +10,13 @@ from pathlib import Path
 from PIL import Image
 
 from experiments.export.source import Source
-from experiments.lab.guided import make
+from experiments.lab.guided import make, told
 from experiments.picture.raster import Pixels
 from experiments.picture.scene import Scene, Shot
 from services.sim.cell import SimulatedCell
 from services.task.insertion import Insertion
 from services.wire.errors import DivergedError, TreenailError
-from services.wire.messages import Action, EpisodeSummary, FtPacket, Home, JournalEpisode, Move, Moved, Observation
+from services.wire.messages import EpisodeSummary, FtPacket, Home, JournalEpisode, Move, Moved
 
 ENDINGS = (".mp4", ".gif")
 REST_S = 1.5
@@ -64,19 +64,7 @@ def shots(source: Source, entry: JournalEpisode) -> Iterator[Shot]:
                 f"episode {entry.episode}: expected {step.force_n} N after motion {step.step}, as the journal has, got"
                 f" {reached.force_n} N: a film can be made of what this version simulated, not of a real arm"
             )
-        motion = task.act(_action(reached, step.action or 0, step.state or 0))
-
-
-def _action(felt: Observation, action: int, state: int) -> Action:
-    return Action(
-        run=felt.run,
-        episode=felt.episode,
-        step=felt.step,
-        decision=felt.decision,
-        state=state,
-        action=action,
-        policy_version=0,
-    )
+        motion = task.act(told(reached, step.action or 0, step.state or 0))
 
 
 def pictures(source: Source, entry: JournalEpisode) -> Iterator[Pixels]:

@@ -14,7 +14,7 @@ import gymnasium
 import numpy as np
 from gymnasium import error
 
-from experiments.lab.guided import Reached, make
+from experiments.lab.guided import Reached, make, told
 from services.rules.guard import increment_of
 from services.rules.motions import GuardError
 from services.sim.cell import SimulatedCell
@@ -25,7 +25,7 @@ from services.wire.definition import Definition
 from services.wire.definition_file import run_id
 from services.wire.errors import TreenailError
 from services.wire.message_base import LONGEST_RUN
-from services.wire.messages import Action, EpisodeSummary, FtPacket, Home, Move, Moved, Observation
+from services.wire.messages import EpisodeSummary, FtPacket, Home, Move, Moved, Observation
 from services.wire.randomness import MAX_SEED
 from treenail.api import Setting, load
 from treenail.gym.spaces import MOST_HISTORY, AnyMoves, Array, Feeling, ListedMoves
@@ -122,7 +122,7 @@ class PegInHole(gymnasium.Env[Array, Any]):
             raise error.InvalidAction(f"{NAME}: step: expected an action of {self.action_space}, got {action!r}")
         asked, self._asked = self._asked, None
         number, increment = self._moves.move(action)
-        move = self._task.act(_action(asked, number), increment)
+        move = self._task.act(told(asked, number), increment)
         try:
             reached = make(self._task, self._cell, move, self._see)
         except GuardError as refusal:
@@ -234,19 +234,6 @@ def _episode(options: dict[str, Any] | None, following: int) -> int:
     if not isinstance(episode, int) or not 0 <= episode < LONGEST_RUN:
         raise TreenailError(f"{NAME}: episode: expected 0 to {LONGEST_RUN - 1}, got {episode!r}")
     return episode
-
-
-def _action(asked: Observation, number: int) -> Action:
-    return Action(
-        run=asked.run,
-        episode=asked.episode,
-        step=asked.step,
-        decision=asked.decision,
-        state=0,
-        action=number,
-        policy_version=0,
-        swaps=asked.swaps,
-    )
 
 
 def _components(move: Move) -> tuple[float, ...]:
