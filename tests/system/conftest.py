@@ -13,17 +13,17 @@ from services.wire.keys import ACTION, Keys
 
 
 class Up(Protocol):
-    """Starts ``treenail up sim`` on free ports."""
+    """Starts ``treenail up sim``, or another cell, on free ports."""
 
-    def __call__(self, out: Path, episodes: int, *options: str, seed: int = 1) -> Any:
+    def __call__(self, out: Path, episodes: int, *options: str, seed: int = 1, cell: str = "sim") -> Any:
         """Return the process."""
 
 
 @pytest.fixture
 def up(run_module: Callable[..., Any], small: Path) -> Up:
-    def start(out: Path, episodes: int, *options: str, seed: int = 1) -> Any:
+    def start(out: Path, episodes: int, *options: str, seed: int = 1, cell: str = "sim") -> Any:
         words = ["--experiment", str(small), "--episodes", str(episodes), "--seed", str(seed), "--out", str(out)]
-        return run_module("treenail.__main__", "up", "sim", *words, "--port", "0", "--no-viewer", *options)
+        return run_module("treenail.__main__", "up", cell, *words, "--port", "0", "--no-viewer", *options)
 
     return start
 

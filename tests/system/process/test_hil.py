@@ -18,12 +18,11 @@ LONG = 24
 
 
 @pytest.fixture
-def up_hil(run_module: Callable[..., Any], small: Path, tmp_path: Path) -> Callable[..., Any]:
+def up_hil(up: Callable[..., Any], tmp_path: Path) -> Callable[..., Any]:
     """Starts ``treenail up hil`` on free ports."""
 
     def start(*options: str, episodes: int = EPISODES) -> Any:
-        words = ["--experiment", str(small), "--episodes", str(episodes), "--seed", "1", "--out", str(tmp_path / "A")]
-        return run_module("treenail.__main__", "up", "hil", *words, "--port", "0", "--no-viewer", *options)
+        return up(tmp_path / "A", episodes, *options, cell="hil")
 
     return start
 

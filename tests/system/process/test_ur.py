@@ -19,12 +19,11 @@ LONG = 20
 
 
 @pytest.fixture
-def up_ur(run_module: Callable[..., Any], small: Path, tmp_path: Path) -> Callable[..., Any]:
+def up_ur(up: Callable[..., Any], tmp_path: Path) -> Callable[..., Any]:
     """Starts ``treenail up ur`` on free ports."""
 
     def start(*options: str, episodes: int = LONG) -> Any:
-        words = ["--experiment", str(small), "--episodes", str(episodes), "--seed", "1", "--out", str(tmp_path / "A")]
-        return run_module("treenail.__main__", "up", "ur", *words, "--port", "0", "--no-viewer", *options)
+        return up(tmp_path / "A", episodes, *options, cell="ur")
 
     return start
 
