@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import sys
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
 
-from experiments.bench.values import cpu_name
 from experiments.leaderboard.board import Board, Row
 from experiments.leaderboard.figures import FIRST, Figures, Spread
 from experiments.leaderboard.jobs import LEARNER
 from experiments.leaderboard.methods import TREENAIL
 from experiments.leaderboard.plan import Length
-from experiments.reproduce.code import code_sha256
-from services.wire.codec import contract_sha256
-from services.wire.version import version
+from experiments.reproduce.code import origin
 
 HEAD = (
     "method",
@@ -38,12 +32,8 @@ among the first {FIRST} is a scratched part."""
 
 def facts(length: Length, code: Sequence[str] = LEARNER) -> dict[str, str]:
     """Return what was run and where, by label."""
-    system = os.uname()
     return {
-        "Treenail": f"version {version()}, contract {contract_sha256()[:12]}, code {code_sha256(tuple(code))[:12]}",
-        "machine": f"{cpu_name()}, {os.cpu_count()} cores, {system.sysname} {system.machine}",
-        "Python": sys.version.split()[0],
-        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        **origin(code),
         "seeds": f"{len(length.seeds)}: {', '.join(map(str, length.seeds))}",
         "episodes": f"{length.episodes} of who learns, {length.baseline_episodes} of who does not",
     }

@@ -52,16 +52,7 @@ class Results(NamedTuple):
 
 def here(jobs: int) -> Spread:
     """Return a spread over so many processes of this machine."""
-
-    def spread(
-        work: Callable[[Order, pool.Tell], Done],
-        keys: Sequence[Order],
-        name: Callable[[Order], str],
-        advanced: Advanced,
-    ) -> Iterator[tuple[int, Done]]:
-        return pool.spread(work, keys, jobs, name, advanced)
-
-    return spread
+    return lambda work, keys, name, advanced: pool.spread(work, keys, jobs, name, advanced)
 
 
 def there_is(folder: Folder, jobs: Sequence[Job]) -> Results:

@@ -3,26 +3,21 @@
 from __future__ import annotations
 
 import os
-import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 
-from experiments.bench.values import cpu_name
 from experiments.lab import progress
 from experiments.lab.pool import usable_cores
 from experiments.reproduce import page
 from experiments.reproduce.cache import Cache
 from experiments.reproduce.chapter import CannotRun, Section
-from experiments.reproduce.code import code_sha256
+from experiments.reproduce.code import code_sha256, origin
 from experiments.reproduce.context import Context
 from experiments.reproduce.page import Done
 from experiments.reproduce.sections import SECTIONS
-from services.wire.codec import contract_sha256
 from services.wire.errors import TreenailError
-from services.wire.version import version
 
 TITLE = "Treenail: the thesis reproduced"
 INDEX, CACHE = "index.html", "cache"
@@ -84,12 +79,8 @@ def run(section: Section, context: Context) -> Done:
 
 def _facts(wanted: Wanted, seconds: float, from_before: int) -> dict[str, str]:
     """Return what was run, by label."""
-    system = os.uname()
     return {
-        "Treenail": f"version {version()}, contract {contract_sha256()[:12]}, code {code_sha256()[:12]}",
-        "machine": f"{cpu_name()}, {os.cpu_count()} cores, {system.sysname} {system.machine}",
-        "Python": sys.version.split()[0],
-        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        **origin(),
         "length": "quick" if wanted.quick else "full",
         "seeds": f"{len(wanted.seeds)}: {wanted.seeds[0]} to {wanted.seeds[-1]}",
         "sections": ", ".join(wanted.only) if wanted.only else "all",

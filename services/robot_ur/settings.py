@@ -78,8 +78,7 @@ def add_arguments(made: argparse.ArgumentParser) -> None:
     made.add_argument("--start", metavar="X,Y,Z,RX,RY,RZ", help="start pose as the pendant shows it [mm, rad]")
     made.add_argument("--payload-cog-mm", metavar="X,Y,Z", help="centre of gravity that the controller must have set")
     made.add_argument("--tcp", metavar="X,Y,Z,RX,RY,RZ", help="TCP that the controller must have set [mm, rad]")
-    made.add_argument("--mount", default="0,0,0,0,0,0", help="x,y,z,rx,ry,rz of the wrist's frame [mm, deg]")
-    made.add_argument("--negate", action="store_true", help="the wrist reports what it does to the peg")
+    mount.add_arguments(made, "the wrist's frame", "wrist")
     add_settings(made, Settings)
 
 

@@ -9,11 +9,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from services.rules.quaternion import Quaternion, multiply
 from services.wire.definition_world import Hole
 from services.wire.messages import PoseNumbers
 from services.wire.randomness import Role, generator
-
-Quaternion = tuple[float, float, float, float]
 
 
 class Standing(NamedTuple):
@@ -50,22 +49,10 @@ def standing(hole: Hole, seed: int, episode: int) -> Standing | None:
     half_x, half_y = math.radians(rx_deg) / 2.0, math.radians(ry_deg) / 2.0
     about_x = (math.cos(half_x), math.sin(half_x), 0.0, 0.0)
     about_y = (math.cos(half_y), 0.0, math.sin(half_y), 0.0)
-    return Standing(_product(about_y, about_x))
+    return Standing(multiply(about_y, about_x))
 
 
 def _turned(turn: Quaternion, pose: PoseNumbers) -> PoseNumbers:
     w, x, y, z = turn
-    _, px, py, pz = _product(_product(turn, (0.0, *pose[:3])), (w, -x, -y, -z))
-    return (px, py, pz, *_product(turn, pose[3:]))
-
-
-def _product(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the rotation b first, then a."""
-    aw, ax, ay, az = a
-    bw, bx, by, bz = b
-    return (
-        aw * bw - ax * bx - ay * by - az * bz,
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-    )
+    _, px, py, pz = multiply(multiply(turn, (0.0, *pose[:3])), (w, -x, -y, -z))
+    return (px, py, pz, *multiply(turn, pose[3:]))

@@ -8,6 +8,7 @@ peg instead of what the peg does to it. With all of them zero, numbers pass bit 
 
 from __future__ import annotations
 
+import argparse
 import math
 from dataclasses import dataclass
 
@@ -49,6 +50,12 @@ class Mount:
 
     def _signed(self, vector: Force) -> Force:
         return (-vector[0], -vector[1], -vector[2]) if self.negate else vector
+
+
+def add_arguments(made: argparse.ArgumentParser, where: str = "the sensor in the wrist", who: str = "sensor") -> None:
+    """Add the options that ``parse`` reads; ``where`` and ``who`` name, in their help, the frame and who reports."""
+    made.add_argument("--mount", default="0,0,0,0,0,0", help=f"x,y,z,rx,ry,rz of {where} [mm, deg]")
+    made.add_argument("--negate", action="store_true", help=f"the {who} reports what it does to the peg")
 
 
 def parse(text: str, negate: bool) -> Mount:

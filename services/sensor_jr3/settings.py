@@ -44,8 +44,7 @@ def add_arguments(made: argparse.ArgumentParser) -> None:
         "--url", required=True, help="the card: isa:0x260, or tcp://host:port of a card server or emulator"
     )
     add_settings(made, Settings)
-    made.add_argument("--mount", default="0,0,0,0,0,0", help="x,y,z,rx,ry,rz of the sensor in the wrist [mm, deg]")
-    made.add_argument("--negate", action="store_true", help="the sensor reports what it does to the peg")
+    mount.add_arguments(made)
     made.add_argument("--full-scales", default="default", help="default, keep, or six numbers in the card's unit")
     made.add_argument("--transform", default="", help="the card's own: TZ 12.5, RX 180; or keep (default: none)")
     add_settings(made, Setup)

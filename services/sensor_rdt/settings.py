@@ -46,8 +46,7 @@ class Settings:
 def add_arguments(made: argparse.ArgumentParser) -> None:
     """Add the options of the service."""
     made.add_argument("--box", required=True, metavar="ADDRESS", help="of the Net F/T, Axia or HEX: 192.168.1.1")
-    made.add_argument("--mount", default="0,0,0,0,0,0", help="x,y,z,rx,ry,rz of the sensor in the wrist [mm, deg]")
-    made.add_argument("--negate", action="store_true", help="the sensor reports what it does to the peg")
+    mount.add_arguments(made)
     add_settings(made, Settings)
 
 

@@ -19,7 +19,7 @@ from services.sim.world import Reading, World
 from services.wire.actions import Increment
 from services.wire.definition import Definition
 from services.wire.definition_changes import at_episode
-from services.wire.messages import FtPacket, Home, Move, Moved
+from services.wire.messages import FtPacket, Home, Move, Moved, Truth
 
 MOTION_NS = 20_000_000
 """Simulated time that one motion takes; between two of them it stands still."""
@@ -109,3 +109,15 @@ class SimulatedCell:
             force_n=forces,
             torque_nm=torques,
         )
+
+
+def truth_of(world: World, moved: Moved) -> Truth:
+    """Return where flange and peg really are after a motion, for who looks on."""
+    return Truth(
+        run=moved.run,
+        episode=moved.episode,
+        step=moved.step,
+        flange=world.flange,
+        peg=world.peg,
+        contact=world.contact_state(),
+    )

@@ -5,7 +5,8 @@ Only the axes are turned: torques refer to the same point as ever, ``wrist.senso
 
 from __future__ import annotations
 
-from services.sim.pose import Quaternion, Vector, conjugate, from_angles, normalised, rotate
+from services.rules.quaternion import Quaternion
+from services.sim.pose import Vector, conjugate, from_angles, normalised, rotate
 from services.wire.definition import Wrist
 from services.wire.randomness import Role, generator
 

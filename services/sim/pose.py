@@ -11,10 +11,10 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from services.rules.quaternion import Quaternion, multiply
 from services.wire.actions import Increment
 
 Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
 
 
 class Pose(NamedTuple):
@@ -75,18 +75,6 @@ def require_finite(subject: str, values: tuple[float, ...]) -> None:
     """
     if not all(map(math.isfinite, values)):
         raise ValueError(f"{subject}: expected finite numbers, got {tuple(values)}")
-
-
-def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Product a b of two quaternions: the rotation b first, then a."""
-    aw, ax, ay, az = a
-    bw, bx, by, bz = b
-    return (
-        aw * bw - ax * bx - ay * by - az * bz,
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-    )
 
 
 def normalised(q: Quaternion) -> Quaternion:

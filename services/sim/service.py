@@ -6,7 +6,7 @@ import time
 
 from services.bus.answers import Request
 from services.bus.service import Options, Service
-from services.sim.cell import SimulatedCell
+from services.sim.cell import SimulatedCell, truth_of
 from services.sim.progress import follow
 from services.wire.keys import FT, HOME, MOVE, RESUME, TRUTH
 from services.wire.messages import Experiment, FtPacket, Home, Move, Moved, Stop, Truth
@@ -80,14 +80,4 @@ class SimShell:
 
     def _tell(self, moved: Moved) -> None:
         """Publish where the peg is after a motion."""
-        world = self._cell.world
-        self._publish_truth(
-            Truth(
-                run=moved.run,
-                episode=moved.episode,
-                step=moved.step,
-                flange=world.flange,
-                peg=world.peg,
-                contact=world.contact_state(),
-            )
-        )
+        self._publish_truth(truth_of(self._cell.world, moved))

@@ -23,6 +23,7 @@ with warnings.catch_warnings():
     import sapien
     from sapien import physx
 
+from services.rules.quaternion import multiply
 from services.sim.contact_state import FREE, ContactPoint, label
 from services.sim.geometry import Geometry, Vertices, geometry_of, hole_pieces, is_free_move, peg_vertices
 from services.sim.pose import (
@@ -30,7 +31,6 @@ from services.sim.pose import (
     Vector,
     between,
     conjugate,
-    multiply,
     require_finite,
     rotate,
     rotation_vector,

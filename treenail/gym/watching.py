@@ -6,13 +6,14 @@ import sys
 import time
 
 from experiments.lab.guided import Reached
+from services.sim.cell import truth_of
 from services.sim.world import World
 from services.viewer.record import Recorder
 from services.viewer.stream import Stream
 from services.viewer.web import WebServer
 from services.wire.definition import Definition
 from services.wire.definition_file import definition_sha256, run_id
-from services.wire.messages import EpisodeSummary, Experiment, FtPacket, Moved, Truth
+from services.wire.messages import EpisodeSummary, Experiment, FtPacket, Moved
 
 ADDRESS = "127.0.0.1"
 MEMORY = "16MB"
@@ -42,16 +43,7 @@ class Watched:
             self._recorder.experiment(_experiment(self._definition, seed))
             self._stream.begin(f"{self._definition.name}, seed {seed}", self._definition)
         self._recorder.ft(packet)
-        self._recorder.truth(
-            Truth(
-                run=moved.run,
-                episode=moved.episode,
-                step=moved.step,
-                flange=world.flange,
-                peg=world.peg,
-                contact=world.contact_state(),
-            )
-        )
+        self._recorder.truth(truth_of(world, moved))
 
     def show(self, reached: Reached | None) -> None:
         """Take what came of the motion, and send what there is when it is time."""

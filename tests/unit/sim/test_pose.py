@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from services.rules.quaternion import multiply
 from services.sim.pose import (
     Pose,
     axis,
     between,
     conjugate,
     from_angles,
-    multiply,
     require_finite,
     rotate,
     rotation_vector,
