@@ -2,10 +2,15 @@
 
 A role is held by a liveliness token ``claim/<service>/<instance>``; an instance is named after its claim's time and its
 Zenoh session, the earlier one sorts first. Zenoh's timestamp of a message tells which session it came from.
+
+Of two that come at once none has the role until one has looked, with its own token declared, and seen nobody: who sees
+another takes its token back and tries again after a pause of its own. So two can never both believe that they have it,
+whatever their clocks say and however long either is held up between its steps.
 """
 
 from __future__ import annotations
 
+import secrets
 import time
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
@@ -20,6 +25,8 @@ from services.wire.keys import CLAIM, Keys, name_of, wild
 SampleHandler: TypeAlias = "Callback[zenoh.Sample]"
 
 _LOOK_EVERY_S = 0.05
+_AT_ONCE_NS = 1_000_000_000
+"""Of claims made so close together one is likely to be taken back at once."""
 SETTLE_S = 0.25
 """How long an earlier claim of the same cell of a fleet may take to be seen."""
 
@@ -35,6 +42,8 @@ class Roles:
         """Named when the role is claimed."""
         self.keys = keys
         self._name = name
+        self._earlier: dict[str, bool] = {}
+        """Claims of our role made shortly before ours, and whether a beat has passed since we saw it."""
         self._holders: dict[str, set[str]] = {}
         """Sessions of who holds a role; a role that nobody has held yet is not in it."""
         self._declared: list[object] = []
@@ -56,14 +65,13 @@ class Roles:
         token = self._session.liveliness().declare_token(
             self.keys.of(name_of(CLAIM, service=self._name, instance=self.instance))
         )
-        # Of two that came at once, the earlier one stays.
-        earlier = self._earlier()
-        if settle_s > 0.0 and not earlier:
+        others = self._others()
+        if settle_s > 0.0 and not others:
             time.sleep(settle_s)
-            earlier = self._earlier()
-        if earlier:
+            others = [other for other in self._others() if other < self.instance]
+        if others:
             token.undeclare()  # type: ignore[no-untyped-call]
-            return self._taken_error(earlier)
+            return self._taken_error(others)
         self._declared.append(token)
         return None
 
@@ -74,10 +82,21 @@ class Roles:
         session = instance.rpartition("-")[2]
         if sample.kind == zenoh.SampleKind.DELETE:
             holders.discard(session)
+            if role == self._name:
+                self._earlier.pop(instance, None)
             return
         holders.add(session)
         if role == self._name and instance < self.instance:
-            self.ousted = self._taken_error([instance])
+            if _claimed_ns(self.instance) - _claimed_ns(instance) < _AT_ONCE_NS:
+                self._earlier[instance] = False
+            else:
+                self.ousted = self._taken_error([instance])
+
+    def on_beat(self) -> None:
+        """Give way to a claim made at once with ours that was not taken back."""
+        if stayed := [instance for instance, beaten in self._earlier.items() if beaten]:
+            self.ousted = self._taken_error(stayed)
+        self._earlier = dict.fromkeys(self._earlier, True)
 
     def check_sender(self, sample: zenoh.Sample, roles: tuple[str, ...]) -> None:
         """Raise StrangerError for a message of none of the roles' holders; any sender will do while there was none."""
@@ -93,13 +112,11 @@ class Roles:
             expected = f"expected a message of who holds the role of {' or '.join(roles)}"
             raise StrangerError(f"{sample.key_expr}: {expected}, got one of {sender}")
 
-    def _earlier(self) -> list[str]:
-        return [other for other in self._others() if other < self.instance]
-
     def _others(self) -> list[str]:
         replies = self._session.liveliness().get(self.keys.of(name_of(CLAIM, service=self._name)), timeout=1.0)
         instances = (str(reply.ok.key_expr).rpartition("/")[2] for reply in replies if reply.ok is not None)
-        return [instance for instance in instances if instance != self.instance]
+        ours = str(self._session.zid())
+        return [instance for instance in instances if instance.rpartition("-")[2] != ours]
 
     def _taken_error(self, others: list[str]) -> RoleTakenError:
         return RoleTakenError(
@@ -131,5 +148,10 @@ def take_role(
             names = f"{cells[0].cell} to {cells[-1].cell}"
             all_taken = f"{name}: expected one of the {len(cells)} cells {names} to be without one, all have theirs"
             say(taken if len(cells) == 1 else RoleTakenError(all_taken))
-        time.sleep(_LOOK_EVERY_S)
+        # Two that keep seeing each other would for ever, if they came back at the same time.
+        time.sleep(_LOOK_EVERY_S * (0.5 + secrets.randbelow(100) / 100))
     return None
+
+
+def _claimed_ns(instance: str) -> int:
+    return int(instance.partition("-")[0])

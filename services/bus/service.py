@@ -345,6 +345,9 @@ class Service(Asking, Publishing):
         """Tell the cell, and the container engine, that the loop works."""
         touch_heartbeat()
         self._beat += 1
+        if self._roles is not None:
+            self._roles.on_beat()
+            self._give_way()
         self._heartbeat.put(encode(self.status()))
         if self._refused_payload:
             self._refused_payload = False
@@ -353,5 +356,8 @@ class Service(Asking, Publishing):
     def _note_claim(self, sample: zenoh.Sample) -> None:
         if self._roles is not None:
             self._roles.note(sample)
-            if self._roles.ousted is not None:
-                self.stop()
+            self._give_way()
+
+    def _give_way(self) -> None:
+        if self.ousted is not None:
+            self.stop()

@@ -12,7 +12,7 @@ from services.agent.service import work
 from services.bus.fake_bus import FakeBus
 from services.bus.testing import FakeService
 from services.wire.errors import RoleTakenError
-from services.wire.keys import ACTION, CLASSIFY, POLICY
+from services.wire.keys import ACTION, CLAIM, CLASSIFY, POLICY, name_of
 from services.wire.messages import Action, Classified, PolicyAnswer, Refusal
 
 
@@ -72,6 +72,23 @@ def test_who_has_to_give_way_to_an_earlier_holder_stops() -> None:
     agent.hold("agent", "a1")  # cut off from the router when we came, and back
     agent.loop()
     assert isinstance(agent.ousted, RoleTakenError)
+
+
+@pytest.mark.parametrize("stays", [True, False])
+def test_a_claim_made_at_once_with_ours_counts_when_it_stays(stays: bool) -> None:
+    agent = FakeService("agent", zid="a2")
+    agent.claim()
+    assert agent.status().instance.endswith("-a2")
+    shortly_before = int(agent.status().instance.partition("-")[0]) - 10_000_000
+    rival = agent.keys.of(name_of(CLAIM, service="agent", instance=f"{shortly_before:020d}-a1"))
+    agent.bus.token(rival, here=True)
+    agent.settle()
+    assert agent.ousted is None
+    if not stays:
+        agent.bus.token(rival, here=False)
+    agent.later(5.0, agent.stop)
+    agent.loop()
+    assert isinstance(agent.ousted, RoleTakenError) == stays
 
 
 def test_a_query_that_needs_the_classifier_gets_its_answer_refusal_or_reason(scene: Any) -> None:
