@@ -18,6 +18,7 @@ import pytest
 from experiments.lab.recordings import THESIS_VECTORS
 from experiments.reproduce import classifier_thesis, learner_cliff, learner_maze, uncertainty
 from experiments.reproduce.insertion_thesis import REPORTED
+from experiments.reproduce.learner_runs import KINDS
 from services.wire.definition_file import load
 
 ROOT = Path(__file__).parents[2]
@@ -178,11 +179,11 @@ def test_classes_of_the_probes_are_as_printed(text: Sequence[str], rho: float) -
 
 
 def test_learnt_policies_are_as_printed(text: Sequence[str]) -> None:
-    for kind in learner_maze.KINDS:
+    for kind in KINDS:
         columns = list(zip(*(cells[1:8] for cells in rows(text, learner_maze.NUMBERS[kind][2])), strict=True))
         assert ["".join(column) for column in columns] == list(learner_maze.THESIS[kind])
     for kind, column in (("sarsa", 1), ("q_learning", 3)):
-        assert "".join(cells[column] for cells in rows(text, "4.2")) == learner_cliff.THESIS[kind]  # type: ignore[index]
+        assert "".join(cells[column] for cells in rows(text, "4.2")) == learner_cliff.THESIS[kind]
 
 
 def test_what_a_path_needs_is_as_printed(text: Sequence[str]) -> None:
