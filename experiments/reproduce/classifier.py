@@ -30,6 +30,7 @@ from experiments.reproduce.classifier_runs import (
 from experiments.reproduce.classifier_stability import sizes, stability
 from experiments.reproduce.classifier_truth import truth
 from experiments.reproduce.context import Context
+from experiments.reproduce.reset_vector import readings
 
 
 def chapter(context: Context) -> Chapter:
@@ -45,6 +46,7 @@ def chapter(context: Context) -> Chapter:
         (
             *_recorded(recorded, context.quick),
             *counts(context, runs, from_robot, sources[0]),
+            *readings(context, sources[0], rhos),
             *stability(runs, presentations),
             *sizes(runs),
             *blocks(from_robot),

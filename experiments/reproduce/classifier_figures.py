@@ -31,6 +31,19 @@ def classes(ours: Mapping[float, Sequence[int]], thesis: Mapping[float, int], re
         return svg(figure)
 
 
+def classes_by_reading(rhos: Sequence[float], ours: Mapping[str, Sequence[int]], thesis: Mapping[float, int]) -> str:
+    """Fig. 4.22 again: number of classes by vigilance, by reading of the reset vector."""
+    with drawing() as (figure, ((axes,),)):
+        for (reading, counts), dashes in zip(ours.items(), ("-", "--", ":"), strict=True):
+            axes.plot(rhos, counts, linestyle=dashes, marker=".", label=reading)
+        axes.plot(list(thesis), list(thesis.values()), "x", color=INK, markersize=7, label="thesis")
+        axes.set(xlabel=f"vigilance {RHO}", ylabel="classes", yscale="log", xticks=list(rhos))
+        axes.set_yticks([1, 2, 5, 10, 20, 50, 100], ["1", "2", "5", "10", "20", "50", "100"])
+        axes.minorticks_off()
+        axes.legend(loc="upper left")
+        return svg(figure)
+
+
 def histogram(sizes: Sequence[int]) -> str:
     """Fig. 4.23: how many vectors each class was given."""
     with drawing() as (figure, ((axes,),)):

@@ -30,6 +30,10 @@ class Context:
     reporter: Reporter
     jobs: int
     """Processes at a time, 1 or more."""
+    episodes: int | None = None
+    """How long runs of insertions are that have no length of their own; None for as long as the thesis's."""
+    kept: bool = False
+    """Compute nothing of what is told to ``pieces_kept``: show what an earlier report kept."""
 
     def cached(self, kind: str, key: object, compute: Callable[[], T], result: type[T]) -> T:
         """Return what ``compute`` gives, from the cache when it was computed before.
@@ -58,6 +62,12 @@ class Context:
             values[index] = self.cache.keep(kind, keys[index], value, result)
             reach(count)
         return [value for value in values if value is not None]
+
+    def pieces_kept(self, kind: str, keys: Sequence[K], work: Callable[[K], T], result: type[T]) -> list[T | None]:
+        """Return as ``pieces`` does; with ``kept`` nothing is computed, and what is not in the cache is None."""
+        if self.kept:
+            return [self.cache.load(kind, key, result) for key in keys]
+        return list(self.pieces(kind, keys, work, result))
 
 
 def _untold(work: Callable[[K], T], key: K, _tell: Tell) -> T:

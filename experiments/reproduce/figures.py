@@ -83,6 +83,14 @@ def moving_average(values: NDArray[np.float64], window: int) -> NDArray[np.float
     return means
 
 
+def legend(places: Sequence[Axes]) -> None:
+    """Name the lines of axes that share their colours, in the last of them that has some."""
+    for axes in reversed(places):
+        if axes.lines:
+            axes.legend(loc="lower right")
+            return
+
+
 def band(axes: Axes, x: Sequence[float], values: NDArray[np.float64], colour: str, label: str) -> None:
     """Draw the median over seeds with the 90 % interval as a band; ``values`` of shape (seeds, len(x))."""
     low, high = np.percentile(values, BAND_PERCENT, axis=0)

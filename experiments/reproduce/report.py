@@ -10,7 +10,7 @@ from pathlib import Path
 
 from experiments.lab import progress
 from experiments.lab.pool import usable_cores
-from experiments.reproduce import page
+from experiments.reproduce import markdown, page
 from experiments.reproduce.cache import Cache
 from experiments.reproduce.chapter import CannotRun, Section
 from experiments.reproduce.code import code_sha256, origin
@@ -39,6 +39,14 @@ class Wanted:
     data: Path | None
     jobs: int | None
     """Processes at a time; None for one per core."""
+    episodes: int | None = None
+    """Length of the runs of the sections plan and limits; None for theirs."""
+    kept: bool = False
+    """Whether these two sections show what is kept and make no run."""
+    pages: Path | None = None
+    """Where each section is written as a page of Markdown, too."""
+    words: Sequence[str] = ()
+    """What was typed; the pages say it."""
 
 
 def make(wanted: Wanted, sections: Sequence[Section] = SECTIONS) -> Path:
@@ -58,10 +66,14 @@ def make(wanted: Wanted, sections: Sequence[Section] = SECTIONS) -> Path:
     began = time.monotonic()
     with progress.reporter() as reporter:
         cache = Cache(wanted.out / CACHE, reporter.say, code_sha256())
-        context = Context(wanted.quick, wanted.seeds, wanted.data, cache, reporter, wanted.jobs or usable_cores())
+        jobs = wanted.jobs or usable_cores()
+        context = Context(wanted.quick, wanted.seeds, wanted.data, cache, reporter, jobs, wanted.episodes, wanted.kept)
         done = [run(section, context) for section in sections if wanted.only is None or section.name in wanted.only]
     facts = _facts(wanted, time.monotonic() - began, cache.from_before)
     _write(index, page.render(TITLE, facts, done, wanted.quick))
+    if wanted.pages is not None:
+        for path, content in markdown.pages(facts, done, wanted.words).items():
+            _write(wanted.pages / path, content)
     return index
 
 
@@ -79,8 +91,10 @@ def run(section: Section, context: Context) -> Done:
 
 def _facts(wanted: Wanted, seconds: float, from_before: int) -> dict[str, str]:
     """Return what was run, by label."""
+    some = {"runs": "only those kept so far; the command makes those that are missing"} if wanted.kept else {}
     return {
         **origin(),
+        **some,
         "length": "quick" if wanted.quick else "full",
         "seeds": f"{len(wanted.seeds)}: {wanted.seeds[0]} to {wanted.seeds[-1]}",
         "sections": ", ".join(wanted.only) if wanted.only else "all",
@@ -102,6 +116,7 @@ def _prepare(index: Path) -> None:
 
 def _write(index: Path, content: str) -> None:
     try:
+        index.parent.mkdir(parents=True, exist_ok=True)
         _replace(index, content)
     except OSError as error:
         raise ReportError(f"{index}: cannot be written: {error.strerror}") from error

@@ -18,6 +18,10 @@ def _chapter(name: str, context: Context) -> Chapter:
                 from experiments.reproduce.classifier import chapter
             case "uncertainty":
                 from experiments.reproduce.uncertainty import chapter
+            case "plan":
+                from experiments.reproduce.plan import chapter
+            case "limits":
+                from experiments.reproduce.limits import chapter
             case _:
                 from experiments.reproduce.insertion import chapter
     except ModuleNotFoundError as error:
@@ -31,5 +35,7 @@ SECTIONS = (
     Section("learners", "Learning agent (4.2, 4.5.1, Appendix A.1)", partial(_chapter, "learners")),
     Section("classifier", "Contact states (4.5.2, Appendix A.2)", partial(_chapter, "classifier")),
     Section("uncertainty", "Uncertainty of the cell (5.1, Appendix B.1)", partial(_chapter, "uncertainty")),
+    Section("plan", "The plan of 5.2.2: learners, policies, limits and centres", partial(_chapter, "plan")),
+    Section("limits", "Collision limits, and what rules prevent (6.3, 6.4, 6.5)", partial(_chapter, "limits")),
     Section("insertion", "Insertions (chapter 6, Appendix B.2)", partial(_chapter, "insertion")),
 )
