@@ -87,16 +87,16 @@ def small(tmp_path_factory: pytest.TempPathFactory) -> Path:
 class Reference(Protocol):
     """Gives the digests of a run without a bus."""
 
-    def __call__(self, episodes: int, seed: int = 1, *overrides: str) -> dict[str, str]:
-        """Return the digests of the small experiment, run in one process."""
+    def __call__(self, episodes: int, seed: int = 1, *overrides: str, experiment: str | None = None) -> dict[str, str]:
+        """Return the digests of an experiment, the small one if none is named, run in one process."""
 
 
 @pytest.fixture(scope="session")
 def reference(small: Path, tmp_path_factory: pytest.TempPathFactory) -> Reference:
     known: dict[object, dict[str, str]] = {}
 
-    def run(episodes: int, seed: int = 1, *overrides: str) -> dict[str, str]:
-        key = (episodes, seed, overrides)
+    def run(episodes: int, seed: int = 1, *overrides: str, experiment: str | None = None) -> dict[str, str]:
+        key = (episodes, seed, overrides, experiment)
         if key not in known:
             out = tmp_path_factory.mktemp("reference")
             words = [word for item in overrides for word in ("--set", item)]
@@ -106,7 +106,7 @@ def reference(small: Path, tmp_path_factory: pytest.TempPathFactory) -> Referenc
                 "-m",
                 "treenail.commands.experiment",
                 "run",
-                str(small),
+                experiment or str(small),
                 *words,
                 *length,
                 "--out",

@@ -1,5 +1,8 @@
 """An emulated sensor feels what a simulator publishes: the ``ft`` of another cell, shown by filter 0 at once.
 
+The simulator's time stands still after a motion, and all its samples come in one packet. A sensor plays them at its own
+rate, over and over, until there are others: whichever of them make a window, they are the same ones in another order.
+
 Under ``jr3/shown`` of that cell it answers, with the simulator's own packet, once it shows the sample asked for:
 ``?sequence=7`` is answered while sample 7 is the one shown, else when it is; not when another one is, for an episode
 that is begun anew goes through the same numbers again. So an emulated robot can wait until its sensor feels the motion,
@@ -11,7 +14,7 @@ The session has no role in that cell: with certificates it needs one that may he
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
 import zenoh
@@ -39,9 +42,13 @@ class Follower:
     """Follows one cell, on Zenoh's threads."""
 
     def __init__(
-        self, session: zenoh.Session, keys: Keys, feel: Callable[[Load], None], complain: Callable[[str], None]
+        self,
+        session: zenoh.Session,
+        keys: Keys,
+        feel: Callable[[Sequence[Load]], None],
+        complain: Callable[[str], None],
     ) -> None:
-        """``feel`` is given each newest load and returns when it is shown; ``complain`` what cannot be followed."""
+        """``feel`` is given the newest loads and returns when one is shown; ``complain`` what cannot be followed."""
         self._feel, self._complain = feel, complain
         self._key = keys.of(SHOWN)
         self._lock = threading.Lock()
@@ -72,7 +79,7 @@ class Follower:
         with self._lock:
             if late and self._shown is not None:
                 return
-            self._feel((*packet.force_n[-1], *packet.torque_nm[-1]))
+            self._feel(loads_of(packet))
             self._shown = packet
             ready = [asked for sequence, asked in self._waiting if sequence == packet.sequence]
             self._waiting = [waiting for waiting in self._waiting if waiting[0] != packet.sequence]
@@ -97,6 +104,11 @@ class Follower:
             asked.reply(shown)
         for _, other in late:
             other.refuse(BadPayloadError(f"{SHOWN}: expected at most {MOST_WAITING} questions that wait"))
+
+
+def loads_of(packet: FtPacket) -> tuple[Load, ...]:
+    """Return the samples of a packet, oldest first."""
+    return tuple((*force, *torque) for force, torque in zip(packet.force_n, packet.torque_nm, strict=True))
 
 
 def _sequence(text: str) -> int:

@@ -8,11 +8,11 @@ receiver card does, so that the run ends in the same bytes as ``treenail up sim`
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from services.bus.ports import free_port
-from services.wire.definition import SPREADS, Definition, Sensor
+from services.wire.definition import Definition, Sensor
 from services.wire.errors import CellError
 
 LINKS = ("terminal", "supervisory")
@@ -21,6 +21,15 @@ FULL_SCALES = ("sensor.full_scale_n=200", "sensor.full_scale_dnm=120")
 THESIS_BAUD, THESIS_MOTION_S = 9600, 0.33
 """The thesis's serial line, and its three motions a second (3.3.1)."""
 SENSOR_S = 5.0
+DECIMALS = 4
+"""Of a start pose [mm, deg]: what the emulated arms take for exact."""
+RATE_HZ, CARD_HZ = 1000, 8000
+"""Samples a second of the emulated card unless a definition wants others; those that it has, and can divide."""
+
+
+def is_card_rate(rate_hz: int) -> bool:
+    """Return whether a receiver card gives so many samples a second."""
+    return 8 <= rate_hz <= CARD_HZ and CARD_HZ % rate_hz == 0
 
 
 @dataclass(frozen=True)
@@ -46,26 +55,26 @@ def emulated(link: str = "terminal", *, thesis_speed: bool = False) -> Hil:
     return Hil(link, thesis_speed, arm, card)
 
 
-def overrides(definition: Definition, profile: str = "hil") -> Sequence[str]:
-    """Return what has to be set in a definition so that emulated hardware can give its forces, in whole counts.
+def overrides(
+    definition: Definition, profile: str = "hil", rates: Callable[[int], bool] = is_card_rate, rate_hz: int = RATE_HZ
+) -> Sequence[str]:
+    """Return what has to be set in a definition so that emulated hardware can make its starts and give its forces.
 
-    Raises CellError for what makes another run of it: start poses that do not reach the simulator to the last bit,
-    rotations about another point than the tip, and a window of several samples.
+    Forces are in whole counts; random starts are on the grid of the emulated arm; where several samples make a force,
+    they come at a rate for which ``rates`` holds, else at ``rate_hz``. Raises CellError for rotations about another
+    point than the tip.
     """
-    for name in SPREADS:
-        if spread := getattr(definition.start, name):
-            raise CellError(
-                f"start.{name}: expected 0 with `treenail up {profile}`, its arm goes by steps of 0.0001, got {spread}"
-            )
     if centre_mm := definition.moves.rotation_centre_mm:
         why = "its arm turns about the peg's tip"
         raise CellError(f"moves.rotation_centre_mm: expected 0 with `treenail up {profile}`, {why}, got {centre_mm}")
-    if definition.sensor.window > 1:
-        expected = (
-            f"expected 1 with `treenail up {profile}`, whose emulated sensor shows one load until the next motion"
-        )
-        raise CellError(f"sensor.window: {expected}, got {definition.sensor.window}")
-    return () if definition.sensor.full_scale_n else FULL_SCALES
+    start, sensor = definition.start, definition.sensor
+    off_grid = any(start.spreads) and not 0 < start.decimals <= DECIMALS
+    several = max(sensor.window, sensor.tare_samples) > 1
+    return (
+        *(() if sensor.full_scale_n else FULL_SCALES),
+        *((f"start.decimals={DECIMALS}",) if off_grid else ()),
+        *((f"sensor.rate_hz={rate_hz}",) if several and not rates(sensor.rate_hz) else ()),
+    )
 
 
 def commands(hardware: Hil, cell: str, endpoint: str, sensor: Sensor) -> dict[str, tuple[str, ...]]:
@@ -78,12 +87,13 @@ def commands(hardware: Hil, cell: str, endpoint: str, sensor: Sensor) -> dict[st
     scales = ",".join(str(scale) for scale in 3 * [sensor.full_scale_n] + 3 * [sensor.full_scale_dnm])
     follow = ("--world", world, "--sensor-s", str(SENSOR_S), "--prompt", "arrived")
     plugged = ("--calibration-s", "0", "--no-auto-zero", "--full-scales", scales)
-    keep = ("--full-scales", "keep", "--settle-s", "0")
+    rate = ("--rate-hz", str(sensor.rate_hz if is_card_rate(sensor.rate_hz) else RATE_HZ))
+    keep = ("--full-scales", "keep", "--settle-s", "0", *rate)
     ideal = ("--prompt", "arrived", "--settle-s", "0", "--speed", "100", "--tell-episode", "--auto-resume")
     return {
         "sim": ("--cell", world, "--connect", endpoint),
         "robot_link.emulator": (*here, "--listen", hardware.arm, *follow, *mode, *slow),
-        "sensor_jr3.emulator": (*here, "--listen", hardware.card, "--follow", world, *plugged),
+        "sensor_jr3.emulator": (*here, "--listen", hardware.card, "--follow", world, *plugged, *rate),
         "sensor_jr3": (*here, "--url", f"tcp://{hardware.card}", *keep),
         "robot_link": (*here, "--url", f"socket://{hardware.arm}", *ideal, *mode, *baud),
     }

@@ -36,7 +36,7 @@ def commands(plan: Plan, endpoints: Mapping[str, str] | None = None) -> Commands
     if hardware is None:
         services["sim"] = where("sim")
     elif isinstance(hardware, Ur):
-        services |= ur.commands(hardware, plan.cell, plan.endpoint)
+        services |= ur.commands(hardware, plan.cell, plan.endpoint, plan.definition.sensor)
     else:
         services |= hil.commands(hardware, plan.cell, plan.endpoint, plan.definition.sensor)
     if plan.viewer is not None:

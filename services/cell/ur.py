@@ -15,12 +15,14 @@ from dataclasses import dataclass
 
 from services.bus.ports import free_port
 from services.cell import hil
-from services.wire.definition import Definition
+from services.wire.definition import Definition, Sensor
 from services.wire.errors import CellError
 
 EMULATED = "emulated"
 START_MM = "120.3,-431.7,214.6,2.31,-1.94,0.17"
 """Start pose of the emulated arm: nothing upright or square."""
+RATE_HZ = 125
+"""Packets a second of the arm unless a definition wants others: what Python beside it keeps up with."""
 _PORTS = (29999, 30003, 30004)
 
 
@@ -52,13 +54,19 @@ def arm(robot: str = EMULATED, options: Sequence[str] = (), sensor: Sequence[str
 
 def overrides(hardware: Ur, definition: Definition) -> Sequence[str]:
     """Return what has to be set in a definition for this arm. Raises CellError for what an emulated one cannot make."""
-    return hil.overrides(definition, "ur --robot emulated") if hardware.emulated else ()
+    return hil.overrides(definition, "ur --robot emulated", is_arm_rate, RATE_HZ) if hardware.emulated else ()
 
 
-def commands(hardware: Ur, cell: str, endpoint: str) -> dict[str, tuple[str, ...]]:
+def is_arm_rate(rate_hz: int) -> bool:
+    """Return whether a controller gives so many packets a second."""
+    return 10 <= rate_hz <= 500
+
+
+def commands(hardware: Ur, cell: str, endpoint: str, sensor: Sensor) -> dict[str, tuple[str, ...]]:
     """Return the options of the arm's services, in the order of starting."""
     here = ("--cell", cell, "--connect", endpoint)
-    robot = (*here, "--robot", hardware.address)
+    rate = ("--rate-hz", str(sensor.rate_hz)) if is_arm_rate(sensor.rate_hz) else ()
+    robot = (*here, "--robot", hardware.address, *rate)
     box = {} if hardware.sensor is None else {"sensor_rdt": (*here, *hardware.sensor)}
     wrist = () if hardware.sensor is None else ("--wrist", "none")
     if not hardware.emulated:

@@ -45,8 +45,8 @@ def mean_load(packet: FtPacket) -> Load:
 def mean(samples: Sequence[Force]) -> Force:
     """Return the mean of one or more samples, component by component, shape (3,).
 
-    That of equal samples is the sample itself, to the last bit: so an emulated sensor may show a mean for as long as it
-    is read.
+    That of equal samples is the sample itself, and the order does not matter, to the last bit: so an emulated sensor
+    may play a simulator's samples over and over, and whichever so many of them follow each other have the same mean.
     """
     if len(samples) == 1:
         return samples[0]
@@ -55,8 +55,8 @@ def mean(samples: Sequence[Force]) -> Force:
 
 
 def _mean(values: tuple[float, ...]) -> float:
-    first, count = values[0], len(values)
-    return first + math.fsum(value - first for value in values) / count
+    least, count = min(values), len(values)
+    return least + math.fsum(value - least for value in values) / count
 
 
 class Windows:

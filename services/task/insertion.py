@@ -120,16 +120,20 @@ class Insertion:
         start = self._definition.start
         low, high = -1.0, 1.0
         drawn = generator(self._seed, Role.START_POSE, episode, 0).uniform(low, high, size=5).tolist()
-        dx, dy, rx, ry, rz = (half * part for half, part in zip(start.spreads, drawn, strict=True))
+        middle = (start.x_mm, start.y_mm, start.rx_deg, start.ry_deg, start.rz_deg)
+        pose = [at + half * part for at, half, part in zip(middle, start.spreads, drawn, strict=True)]
+        if start.decimals:
+            pose = [round(value, start.decimals) + 0.0 for value in pose]  # no negative zero
+        x_mm, y_mm, rx_deg, ry_deg, rz_deg = pose
         home = Home(
             run=self._run,
             episode=episode,
-            x_mm=start.x_mm + dx,
-            y_mm=start.y_mm + dy,
+            x_mm=x_mm,
+            y_mm=y_mm,
             z_mm=-start.height_mm,
-            rx_deg=start.rx_deg + rx,
-            ry_deg=start.ry_deg + ry,
-            rz_deg=start.rz_deg + rz,
+            rx_deg=rx_deg,
+            ry_deg=ry_deg,
+            rz_deg=rz_deg,
         )
         self._forces.home(home)
         return home

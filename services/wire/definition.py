@@ -138,6 +138,8 @@ class Start(Checked, frozen=True, kw_only=True):
     """The same about Y."""
     rz_spread_deg: Annotated[float, Meta(ge=0, le=10)] = 0.0
     """The same for the turn about the peg."""
+    decimals: Annotated[int, Meta(ge=0, le=9)] = 0
+    """Decimals that a start pose is rounded to once it is drawn, for a robot that is told no more; 0 for all."""
 
     @property
     def spreads(self) -> tuple[float, float, float, float, float]:

@@ -49,6 +49,7 @@ _LATER: Mapping[str, object] = {
     "start.rx_spread_deg": 0.0,
     "start.ry_spread_deg": 0.0,
     "start.rz_spread_deg": 0.0,
+    "start.decimals": 0,
     "wrist.sensor_mount": "given",
     "wrist.sensor_rx_deg": 0.0,
     "wrist.sensor_ry_deg": 0.0,

@@ -8,7 +8,17 @@ from msgspec import ValidationError, convert, to_builtins
 
 from services.wire.actions import guidance, increments
 from services.wire.cross_section import Corner, CrossSection
-from services.wire.definition import Art2Settings, Definition, FeltModel, LearnerSettings, Moves, Plugin, Thompson
+from services.wire.definition import (
+    SPREADS,
+    Art2Settings,
+    Definition,
+    FeltModel,
+    LearnerSettings,
+    Moves,
+    Plugin,
+    Start,
+    Thompson,
+)
 from services.wire.definition_changes import phases
 from services.wire.force_bound import ForceBound
 from services.wire.force_rules import force_rules
@@ -85,6 +95,7 @@ def contradiction(definition: Definition) -> tuple[str, str] | None:
             f"expected 0 or at least limits.hard_force_n = {limits.hard_force_n}, got {sensor.full_scale_n}",
         ),
         *_moves_rules(definition.moves),
+        *_start_rules(definition.start),
         (
             not isinstance(definition.policy, Thompson) or isinstance(definition.learner, FeltModel | Plugin),
             "policy.kind",
@@ -136,6 +147,20 @@ def _moves_rules(moves: Moves) -> tuple[tuple[bool, str, str], ...]:
         (twice is None, "moves.list", f"expected names that differ, got {twice!r} twice"),
         (still is None, "moves.list", f"expected moves that go somewhere, got {still!r}, which does not"),
         (forward, "moves.list", "expected a move with z_mm above 0, which is the way to insertion, got none"),
+    )
+
+
+def _start_rules(start: Start) -> tuple[tuple[bool, str, str], ...]:
+    """Return the rules of a start that is rounded: its middle and its spreads have no more decimals than that."""
+    names = ("x_mm", "y_mm", "height_mm", "rx_deg", "ry_deg", "rz_deg", *SPREADS)
+    return tuple(
+        (
+            start.decimals == 0 or round(value, start.decimals) == value,
+            f"start.{name}",
+            f"expected no more decimals than start.decimals = {start.decimals}, got {value}",
+        )
+        for name in names
+        for value in (getattr(start, name),)
     )
 
 

@@ -171,7 +171,9 @@ def _say_what_is_started(plan: Plan, given: int, reporter: Reporter) -> None:
     """Say where the run is, what was set beside the ``given`` overrides, and where it can be watched."""
     reporter.say(f"run {plan.run} in {plan.out}; logs in {plan.logs}")
     if added := plan.overrides[given:]:
-        reporter.say(f"the sensor is read in counts, as a receiver gives them: --set {' --set '.join(added)}")
+        reporter.say(
+            f"the sensor is read in counts, and what else this hardware asks for: --set {' --set '.join(added)}"
+        )
     if plan.hardware is not None and not plan.hardware.emulated:
         reporter.say("nothing moves before `treenail resume`; what holds the arm: `treenail resume --look`")
     if plan.viewer is not None:

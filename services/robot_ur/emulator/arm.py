@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
+from services.bus.follower import loads_of
 from services.bus.world import Peg, World, WorldFault
 from services.robot_ur.emulator.poses import apart, frame, increment_of
 
-NO_LOAD = (0.0,) * 6
+Load = tuple[float, ...]
+"""Force [N] and torque [N m] that the wrist feels, in the tool frame, shape (6,)."""
+NO_LOAD: Load = (0.0,) * 6
 _SAME_MM, _SAME_DEG = 1e-6, 1e-6
 
 
@@ -25,8 +28,8 @@ class Arm(Protocol):
         ...
 
     @property
-    def load(self) -> tuple[float, ...]:
-        """Force [N] and torque [N m] that the wrist feels, in the tool frame."""
+    def loads(self) -> tuple[Load, ...]:
+        """What the wrist feels, sample after sample, over and over."""
         ...
 
     def move_to(self, goal: Sequence[float], episode: int | None, step: int | None) -> None:
@@ -41,8 +44,8 @@ class Arm(Protocol):
 class IdealArm:
     """An arm in free space that is always where it should be."""
 
-    def __init__(self, pose: Sequence[float], load: tuple[float, ...] = NO_LOAD) -> None:
-        self.pose, self.load = tuple(pose), load
+    def __init__(self, pose: Sequence[float], load: Load = NO_LOAD) -> None:
+        self.pose, self.loads = tuple(pose), (load,)
 
     def move_to(self, goal: Sequence[float], episode: int | None, step: int | None) -> None:
         """See Arm."""
@@ -58,7 +61,8 @@ class WorldArm:
 
     def __init__(self, world: World, start: Sequence[float], start_height_mm: float) -> None:
         """``start`` is the taught pose over the hole, where the tip is ``start_height_mm`` above the mouth."""
-        self.pose, self.load = tuple(start), NO_LOAD
+        self.pose = tuple(start)
+        self.loads: tuple[Load, ...] = (NO_LOAD,)
         self._world, self._peg = world, Peg(world, start_height_mm)
         self._start = frame(start)
 
@@ -66,20 +70,19 @@ class WorldArm:
         """See Arm."""
         place = frame(goal)
         away_mm, turned_deg = apart(self._start, place)
-        load = NO_LOAD
+        loads: tuple[Load, ...] = (NO_LOAD,)
         if away_mm < _SAME_MM and turned_deg < _SAME_DEG:
             self._peg.leave(at_start=True)
         else:
             try:
                 moved = self._peg.step(increment_of(frame(self.pose), place), episode, step)
                 if moved is not None:
-                    felt = self._world.felt(moved)
-                    load = (*felt.force_n[-1], *felt.torque_nm[-1])
+                    loads = loads_of(self._world.felt(moved))
             except WorldFault as fault:
                 raise ArmFault(str(fault)) from None
-        self.pose, self.load = tuple(goal), load
+        self.pose, self.loads = tuple(goal), loads
 
     def stop_at(self, pose: Sequence[float]) -> None:
         """See Arm."""
         self._peg.leave()
-        self.pose, self.load = tuple(pose), NO_LOAD
+        self.pose, self.loads = tuple(pose), (NO_LOAD,)

@@ -12,9 +12,9 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from services.robot_ur.emulator.arm import Arm
+from services.robot_ur.emulator.arm import Arm, Load
 from services.robot_ur.emulator.poses import frame, turned
-from services.robot_ur.emulator.rtde import Value, output_type
+from services.robot_ur.emulator.rtde import Cycle, Value, output_type
 
 LOG = logging.getLogger("ur-emulator")
 
@@ -87,7 +87,7 @@ class Controller:
         self.payload_kg, self.payload_cog_m = behaviour.payload_kg, behaviour.payload_cog_m
         self.pose: tuple[float, ...] = arm.pose
         """Where the tool is now, also on the way."""
-        self.load: tuple[float, ...] = arm.load
+        self.loads: tuple[Load, ...] = arm.loads
         self.tare: tuple[float, ...] = (0.0,) * 6
         """What ``zero_ftsensor`` has taken away, in the tool frame."""
         self.inputs: dict[str, Value] = {}
@@ -185,28 +185,28 @@ class Controller:
         value = self.inputs.get(name, 0)
         return 0.0 if isinstance(value, Sequence) else float(value)
 
-    def value(self, name: str) -> Value:
-        """Return an output."""
+    def value(self, name: str, cycle: Cycle) -> Value:
+        """Return an output; each packet of a connection has the next sample of the wrist."""
         if name.startswith("output_"):
             return self.registers.get(name, 0)
         if name.startswith("input_"):
             return self.inputs.get(name, 0)
-        shown = self._shown(name)
+        shown = self._shown(name, cycle)
         if shown is not None:
             return shown
         kind = output_type(name) or ""
         return (0,) * int(kind[6]) if kind.startswith("VECTOR") else 0
 
-    def _shown(self, name: str) -> Value | None:
+    def _shown(self, name: str, cycle: Cycle) -> Value | None:
         match name:
             case "timestamp":
-                return self.now_s + self.faults.jump_s
+                return cycle.t_s + self.faults.jump_s
             case "actual_TCP_pose" | "target_TCP_pose":
                 return self.pose
             case "actual_TCP_force":
-                return turned(frame(self.pose), self._compensated())
+                return turned(frame(self.pose), self._compensated(cycle.number))
             case "ft_raw_wrench":
-                return self._raw()
+                return self._raw(cycle.number)
             case "robot_mode":
                 return self.robot_mode
             case "safety_mode" | "safety_status":
@@ -227,14 +227,16 @@ class Controller:
                 return None
 
     def zero(self) -> None:
-        """Take what is felt now for nothing."""
-        self.tare = self._raw()
+        """Take what is felt now, the mean of all samples, for nothing."""
+        samples = [self._raw(number) for number in range(len(self.loads))]
+        self.tare = tuple(sum(column) / len(samples) for column in zip(*samples, strict=True))
 
-    def _raw(self) -> tuple[float, ...]:
+    def _raw(self, number: int) -> Load:
+        load = self.loads[number % len(self.loads)]
         if not self.faults.weigh_kg:
-            return self.load
+            return load
         down = frame(self.pose)[:3, :3].T @ (0.0, 0.0, -_GRAVITY * self.faults.weigh_kg)
-        return (*(felt + more for felt, more in zip(self.load[:3], down.tolist(), strict=True)), *self.load[3:])
+        return (*(felt + more for felt, more in zip(load[:3], down.tolist(), strict=True)), *load[3:])
 
-    def _compensated(self) -> tuple[float, ...]:
-        return tuple(felt - nothing for felt, nothing in zip(self._raw(), self.tare, strict=True))
+    def _compensated(self, number: int) -> Load:
+        return tuple(felt - nothing for felt, nothing in zip(self._raw(number), self.tare, strict=True))

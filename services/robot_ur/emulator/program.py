@@ -152,7 +152,7 @@ class Program:
                 LOG.warning("the arm cannot make the motion, the program stops: %s", motion.fault)
                 controller.runtime = STOPPED
                 return
-            controller.pose, controller.load = controller.arm.pose, controller.arm.load
+            controller.pose, controller.loads = controller.arm.pose, controller.arm.loads
             if controller.faults.short_mm:
                 x, *rest = controller.pose
                 controller.pose = (x - controller.faults.short_mm / 1000.0, *rest)
@@ -169,10 +169,10 @@ class Program:
         controller = self._controller
         if motion.thread is not None:
             motion.thread.join()
-            controller.pose, controller.load = controller.arm.pose, controller.arm.load
+            controller.pose, controller.loads = controller.arm.pose, controller.arm.loads
         else:
             controller.arm.stop_at(between(controller.pose, motion.goal, 0.5))
-            controller.pose, controller.load = controller.arm.pose, controller.arm.load
+            controller.pose, controller.loads = controller.arm.pose, controller.arm.loads
         if motion.asynchronous:
             self._report(-1)
 

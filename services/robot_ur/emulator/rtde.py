@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 import struct
 from collections.abc import Sequence
-from typing import Protocol, TypeAlias
+from typing import NamedTuple, Protocol, TypeAlias
 
 Value: TypeAlias = int | float | Sequence[float]
 
@@ -53,6 +53,17 @@ _REGISTER = re.compile(r"^(input|output)_(bit|int|double)_register_(\d{1,2})\Z")
 _BITS = re.compile(r"^(input|output)_bit_registers(0_to_31|32_to_63)\Z")
 _PIN = re.compile(r"^(standard|configurable|tool)_(digital|analog)_output(_mask|_type)?\Z")
 _LARGEST = 4096
+_MOST_BEHIND_S = 0.25
+"""How late a packet of outputs may be; of more, some are lost."""
+
+
+class Cycle(NamedTuple):
+    """The moment that a packet of outputs shows."""
+
+    t_s: float
+    """The controller's time."""
+    number: int
+    """Of the packet on its connection."""
 
 
 class Data(Protocol):
@@ -67,8 +78,8 @@ class Data(Protocol):
         """Return whether it has this output."""
         ...
 
-    def value(self, name: str) -> Value:
-        """Return an output."""
+    def value(self, name: str, cycle: Cycle) -> Value:
+        """Return an output in a packet."""
         ...
 
     def claim(self, owner: object, name: str) -> bool:
@@ -97,13 +108,11 @@ class Session:
         self._outputs: tuple[str, ...] = ()
         self._inputs: dict[int, tuple[str, ...]] = {}
         self._started = False
+        self._number = 0
+        self._due_s: float | None = None
+        self._sent_s = 0.0
         self.period_s = 0.008
         """Between two packets of outputs."""
-
-    @property
-    def streams(self) -> bool:
-        """Whether outputs are to be sent."""
-        return self._started and bool(self._outputs)
 
     def receive(self, data: bytes) -> bytes:
         """Take bytes; return what is answered. Raises RtdeError."""
@@ -119,11 +128,27 @@ class Session:
             said += self._answer(chr(kind), payload)
         return said
 
-    def outputs(self) -> bytes:
-        """Return a packet of all outputs as they are now."""
-        body = b"\x01"
+    def due(self, now_s: float) -> float | None:
+        """Return the time that the next packet of outputs is due at, if it is to be sent now.
+
+        As from a controller the times are even, however late we are; what is late follows one after the other, so that
+        a client that looks at the newest packet only sees each.
+        """
+        if not self._started or not self._outputs:
+            return None
+        if self._due_s is None or now_s - self._due_s > _MOST_BEHIND_S:
+            self._due_s = now_s
+        if now_s < max(self._due_s, self._sent_s + self.period_s / 2.0):
+            return None
+        due_s, self._due_s, self._sent_s = self._due_s, self._due_s + self.period_s, now_s
+        return due_s
+
+    def outputs(self, t_s: float) -> bytes:
+        """Return a packet of all outputs as they are at a time of the controller."""
+        body, cycle = b"\x01", Cycle(t_s, self._number)
+        self._number += 1
         for name in self._outputs:
-            value = self._data.value(name)
+            value = self._data.value(name, cycle)
             numbers = value if isinstance(value, Sequence) else (value,)
             body += struct.pack(">" + FORMATS[output_type(name) or ""], *numbers)
         return packet("U", body)

@@ -34,7 +34,6 @@ class Client:
     text: bytes = b""
     unsent: bytes = b""
     session: Session | None = None
-    due_s: float = 0.0
     later: list[tuple[float, bytes]] = field(default_factory=list)
     """Answers that are slow."""
 
@@ -155,12 +154,12 @@ class Server:
         while client.later and client.later[0][0] <= now_s:
             client.unsent += client.later.pop(0)[1]
         session = client.session
-        if session is not None and session.streams and now_s >= client.due_s:
-            client.due_s = max(client.due_s + session.period_s, now_s - session.period_s)
+        due_s = None if session is None else session.due(self.controller.now_s)
+        if session is not None and due_s is not None:
             if faults.drop > 0:
                 faults.drop -= 1
             else:
-                self._say(client, session.outputs())
+                self._say(client, session.outputs(due_s))
         if not client.unsent:
             return
         try:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import logging
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import zenoh
@@ -16,6 +16,7 @@ from services.bus.session import open_client
 from services.bus.stop_flag import StopFlag
 from services.rules.command_line import Parser, address, number, whole
 from services.rules.settings import SettingError
+from services.sensor_jr3 import memory_map as jr3
 from services.sensor_jr3.emulator.card import EmulatedCard
 from services.sensor_jr3.emulator.dsp import Dsp, Sensor
 from services.sensor_jr3.emulator.loads import Load, recording
@@ -43,7 +44,13 @@ def main() -> None:
     if arguments.follow is not None:
         options = command.options(arguments)
         session = open_client(options.connect, options.connect_timeout_s, stop.is_set, options.certs)
-        follower = Follower(session, Keys(arguments.follow), card.set_load, lambda text: LOG.warning("%s", text))
+        if jr3.SAMPLE_RATE_HZ % arguments.rate_hz:
+            raise SettingError(f"--rate-hz: expected a divisor of {jr3.SAMPLE_RATE_HZ}, got {arguments.rate_hz}")
+
+        def feel(felt: Sequence[Load]) -> None:
+            card.play(felt, arguments.rate_hz)
+
+        follower = Follower(session, Keys(arguments.follow), feel, lambda text: LOG.warning("%s", text))
         follower.catch_up(session, Keys(arguments.follow))
     with WordServer(card, host, port) as server:
         threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.05}, daemon=True).start()
@@ -64,6 +71,12 @@ def _parser() -> argparse.ArgumentParser:
     felt.add_argument("--load", metavar="FX,FY,FZ,MX,MY,MZ", help="a constant load [N, N m] (default: none)")
     felt.add_argument("--recording", type=Path, metavar="CSV", help="loads over time: t_s,fx_n,...,mz_nm")
     felt.add_argument("--follow", metavar="CELL", help="feel what the simulator of that cell publishes on ft")
+    parser.add_argument(
+        "--rate-hz",
+        type=whole(8, 8000),
+        default=1000,
+        help="with --follow: how many of a motion's samples are felt a second, as the reader takes (default: 1000)",
+    )
     parser.add_argument("--units", type=whole(0, 3), default=Sensor.units, help="unit code of the card, 0 to 3")
     parser.add_argument("--full-scales", help="six numbers in that unit (default: 65,65,130,50,50,50)")
     parser.add_argument("--serial", type=whole(1, 65000), default=Sensor.serial, help="1 to 65000")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 from services.sensor_jr3 import memory_map as jr3
 from services.sensor_jr3.card import Collected, Sample
@@ -33,6 +33,8 @@ class EmulatedCard:
         """``load_at`` gives the load at a time since the start [s]; without it ``set_load`` does."""
         self._dsp = dsp
         self._load_at = load_at
+        self._loads: tuple[Load, ...] = ()
+        self._hold_steps = 1
         self._clock, self._pause = clock, pause
         self._lock = threading.RLock()
         self._began_s = clock()
@@ -43,9 +45,17 @@ class EmulatedCard:
 
     def set_load(self, load: Load) -> None:
         """Have the sensor feel a load from now on; once this returns, filter 0 shows it."""
+        self.play((load,), jr3.SAMPLE_RATE_HZ)
+
+    def play(self, loads: Sequence[Load], rate_hz: int) -> None:
+        """Have the sensor feel loads, so many a second, over and over; once this returns, filter 0 shows one of them.
+
+        Who collects at this rate, a divisor of 8000, gets each of them once in a round.
+        """
         with self._lock:
             self._catch_up()
-            self._dsp.set_load(load)
+            self._loads, self._hold_steps = tuple(loads), jr3.SAMPLE_RATE_HZ // rate_hz
+            self._dsp.set_load(self._played())
 
     def read(self, address: int, count: int) -> list[int]:
         """Return words as they are now."""
@@ -95,8 +105,14 @@ class EmulatedCard:
             self._steps += 1
             if self._load_at is not None:
                 self._dsp.set_load(self._load_at(self._steps / jr3.SAMPLE_RATE_HZ))
+            elif len(self._loads) > 1:
+                self._dsp.set_load(self._played())
             if self._dsp.step() and self._watched is not None:
                 self._sample(*self._watched)
+
+    def _played(self) -> Load:
+        """Return the load of this step."""
+        return self._loads[self._steps // self._hold_steps % len(self._loads)]
 
     def _sample(self, counter: int, data: int) -> None:
         (now,) = self._dsp.read(counter, 1)

@@ -10,6 +10,7 @@ import socket
 import socketserver
 import threading
 import time
+from collections.abc import Sequence
 
 import zenoh
 
@@ -56,8 +57,8 @@ def main() -> None:
         options = command.options(arguments)
         session = open_client(options.connect, options.connect_timeout_s, stop.is_set, options.certs)
 
-        def feel(felt: Load) -> None:
-            box.load = felt
+        def feel(felt: Sequence[Load]) -> None:
+            box.loads = tuple(felt)
 
         follower = Follower(session, Keys(arguments.follow), feel, lambda text: LOG.warning("%s", text))
         follower.catch_up(session, Keys(arguments.follow))

@@ -39,13 +39,16 @@ class Faults:
     garbage: int = 0
     """Packets of another length."""
     status: int = 0
+    off: bool = False
+    """Switched off: nobody is sent or answered anything."""
 
 
 @dataclass
 class Box:
     """One box."""
 
-    load: Load = (0.0,) * 6
+    loads: tuple[Load, ...] = ((0.0,) * 6,)
+    """What is felt, a record each, over and over."""
     rate_hz: int = FT_RATE_HZ
     per_force: int = 1_000_000
     per_torque: int = 1_000_000
@@ -65,7 +68,7 @@ class Box:
 
     def receive(self, data: bytes, peer: Address, now_s: float) -> None:
         """Take a request; what is none is passed over."""
-        if len(data) != 8 or data[:2] != b"\x12\x34":
+        if self.faults.off or len(data) != 8 or data[:2] != b"\x12\x34":
             return
         command, count = int.from_bytes(data[2:4], "big"), int.from_bytes(data[4:], "big")
         self.heard = [*self.heard[-99:], (command, count)]
@@ -117,7 +120,8 @@ class Box:
     def _raw(self) -> tuple[int, ...]:
         force = self.per_force / UNITS[self.force_unit]
         torque = self.per_torque / UNITS[self.torque_unit]
-        return tuple(round(value * (force if place < 3 else torque)) for place, value in enumerate(self.load))
+        load = self.loads[self.sequence % len(self.loads)]
+        return tuple(round(value * (force if place < 3 else torque)) for place, value in enumerate(load))
 
     def _send_one(self, now_s: float, peer: Address, send: Callable[[bytes, Address], object]) -> None:
         self.sequence = (self.sequence + 1) % 2**32
@@ -158,13 +162,18 @@ def press(box: Box, line: str) -> str:
                 setattr(box.faults, name, bool(int(word)))
             case "status":
                 box.faults.status = int(word, 16)
+            case "off":
+                box.reboot()
+                box.faults.off = True
+            case "on":
+                box.faults.off = False
             case "reboot":
                 box.reboot()
             case "begin_anew":
                 box.begin_anew()
             case "load":
                 x, y, z, mx, my, mz = map(float, word.split(","))
-                box.load = (x, y, z, mx, my, mz)
+                box.loads = ((x, y, z, mx, my, mz),)
             case "another":
                 box.serial, box.per_force = "FT00002", box.per_force // 2
                 box.reboot()
@@ -178,6 +187,6 @@ def press(box: Box, line: str) -> str:
 
 
 HELP = (
-    "drop N, repeat N, swap N (records); garbage N (packets); silent 1, 0; pageless 1, 0; status HEX; reboot; "
+    "drop N, repeat N, swap N (records); garbage N (packets); silent 1, 0; pageless 1, 0; status HEX; reboot; off; on; "
     "begin_anew; load FX,FY,FZ,MX,MY,MZ; another (sensor); heard"
 )

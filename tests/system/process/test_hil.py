@@ -62,13 +62,34 @@ def test_any_process_of_it_may_be_killed(
     assert digests_in(tmp_path / "A") == reference(LONG, 1, *FULL_SCALES)
 
 
+def test_windows_and_tares_of_single_samples_come_to_the_same_from_random_starts(
+    up_hil: Callable[..., Any],
+    reference: Callable[..., dict[str, str]],
+    digests_in: Callable[[Path], dict[str, str]],
+    endpoint_of: Callable[[Path], str],
+    after_actions: Callable[[str, int], None],
+    wait_until: Callable[..., None],
+    tmp_path: Path,
+) -> None:
+    """The noisy sensor with a heavy tool: the emulated card plays the samples, each mean is made of what was read."""
+    process = up_hil("--experiment", "suite-heavy-tool", episodes=2)
+    endpoint = endpoint_of(tmp_path / "A")
+    for victim in ("sensor_jr3.emulator", "sensor_jr3"):
+        after_actions(endpoint, 8)
+        wait_until(f"{victim} runs", lambda victim=victim: victim in process.children())
+        os.kill(process.children()[victim], signal.SIGKILL)
+    assert process.end() == 0, process.err
+    sets = (*FULL_SCALES, "start.decimals=4")
+    assert digests_in(tmp_path / "A") == reference(2, 1, *sets, experiment="suite-heavy-tool")
+
+
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
         (("sim", "--thesis-speed"), "--link, --thesis-speed: expected with `treenail up hil` only"),
         (("sim", "--link", "terminal"), "--link, --thesis-speed: expected with `treenail up hil` only"),
         (("hil", "--certs", "certs"), "--certs: expected none with emulated hardware"),
-        (("hil", "--experiment", "initial"), "start.xy_spread_mm: expected 0 with `treenail up hil`"),
+        (("hil", "--experiment", "suite-flange"), "moves.rotation_centre_mm: expected 0 with `treenail up hil`"),
     ],
 )
 def test_options_that_do_not_go_together_are_one_line(

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from services.cell.hil import FULL_SCALES, emulated
+from services.cell.hil import FULL_SCALES, Hil, emulated
 from services.cell.local import LocalCell, temporary_cell
 from services.cell.plan import make_plan, viewer_at
 from services.cell.start import commands
+from services.cell.ur import Ur, arm
 from services.wire.errors import CellError, TreenailError
 
 NAME = "chamfered-q-softmax"
@@ -52,9 +53,38 @@ def test_emulated_hardware_stands_in_for_the_simulator_which_has_a_world_of_its_
     assert plan.definition.sensor.full_scale_n == 200
 
 
-def test_emulated_hardware_refuses_a_window_that_its_card_cannot_show() -> None:
-    with pytest.raises(CellError, match=r"sensor\.window: expected 1 with `treenail up hil`.*got 8"):
-        make_plan(NAME, overrides=["sensor.window=8"], hardware=emulated())
+@pytest.mark.parametrize(
+    ("sets", "hardware", "rate"),
+    [
+        (["sensor.window=8"], emulated(), "1000"),
+        (["sensor.window=8", "sensor.rate_hz=500"], emulated(), "500"),
+        (["sensor.window=8", "sensor.rate_hz=300"], emulated(), "1000"),
+        (["sensor.window=8", "sensor.rate_hz=300"], arm(), "300"),
+        (["sensor.window=8", "sensor.rate_hz=1000"], arm(), "125"),
+        ([], arm("192.168.0.10"), None),
+        (["sensor.window=8", "sensor.rate_hz=250"], arm("192.168.0.10"), "250"),
+    ],
+)
+def test_a_window_is_made_of_samples_at_a_rate_that_the_hardware_has(
+    sets: list[str], hardware: Hil | Ur, rate: str | None
+) -> None:
+    plan = make_plan(NAME, overrides=sets, hardware=hardware)
+    services = commands(plan)
+    words = services["sensor_jr3" if isinstance(hardware, Hil) else "robot_ur"]
+    assert (words[words.index("--rate-hz") + 1] if "--rate-hz" in words else None) == rate
+    if sets and hardware.emulated:
+        assert str(plan.definition.sensor.rate_hz) == rate
+    if isinstance(hardware, Hil):
+        emulator = services["sensor_jr3.emulator"]
+        assert emulator[emulator.index("--rate-hz") + 1] == rate, "or samples are left out, or come twice"
+
+
+@pytest.mark.parametrize("hardware", [emulated(), emulated("supervisory"), arm()])
+def test_random_starts_are_on_the_grid_of_an_emulated_arm(hardware: Hil | Ur) -> None:
+    assert make_plan("suite-round", hardware=hardware).definition.start.decimals == 4
+    assert make_plan("suite-round", overrides=["start.decimals=3"], hardware=hardware).definition.start.decimals == 3
+    assert make_plan(NAME, hardware=hardware).definition.start.decimals == 0, "one start is as it is given"
+    assert make_plan("suite-round", hardware=arm("192.168.0.10")).definition.start.decimals == 0
 
 
 def test_the_run_directory_is_named_by_all_that_makes_the_run() -> None:

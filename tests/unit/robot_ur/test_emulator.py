@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import struct
 import time
 from typing import Any
 
@@ -162,8 +164,33 @@ def test_outputs_are_packed_in_the_order_asked_for() -> None:
     made.protect()
     made.payload_kg = 1.5
     body = bytes.fromhex("01" + "00000007" + "00000004" + "3ff8000000000000")
-    assert session.streams
-    assert session.outputs() == packet("U", body)
+    assert session.due(1.0) == 1.0
+    assert session.outputs(1.0) == packet("U", body)
+
+
+def test_each_packet_has_the_next_sample_of_the_wrist_with_the_time_that_it_is_due_at() -> None:
+    made = controller()
+    made.loads = tuple((float(number), 0.0, 0.0, 0.0, 0.0, 0.0) for number in range(3))
+    one, other = Session(made), Session(made)
+    for session in (one, other):
+        session.receive(packet("O", RATE + b"timestamp,ft_raw_wrench") + packet("S", b""))
+    shown = [struct.unpack(">2d", one.outputs(0.5 + 0.008 * number)[4:20]) for number in range(5)]
+    assert shown == [(0.5 + 0.008 * number, float(number % 3)) for number in range(5)]
+    assert struct.unpack(">2d", other.outputs(0.5)[4:20]) == (0.5, 0.0)
+
+
+def test_a_late_packet_comes_with_the_time_that_it_was_due_at_and_none_is_left_out() -> None:
+    session = Session(controller())
+    assert session.due(0.0) is None
+    session.receive(packet("O", RATE + b"timestamp") + packet("S", b""))
+    late = [1.0, 1.008, 1.058, *(1.06 + 0.002 * number for number in range(40)), 1.5]
+    due = [(now_s, stamp_s) for now_s in late if (stamp_s := session.due(now_s)) is not None]
+    stamps = [stamp_s for _, stamp_s in due[:-1]]
+    assert stamps == pytest.approx([1.0 + 0.008 * number for number in range(len(stamps))])
+    assert len(due) > 15
+    gaps = [after[0] - before[0] for before, after in itertools.pairwise(due)]
+    assert min(gaps) > 0.0039, "one that looks three times in 8 ms sees each"
+    assert due[-1] == (1.5, 1.5), "of what is later than a quarter of a second some is lost"
 
 
 def test_inputs_come_by_recipe_and_are_negative_too() -> None:

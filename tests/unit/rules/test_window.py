@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from services.rules.forces import spread
 from services.rules.window import Rolling, Windows, mean, mean_load, unusable
 from services.wire.definition import Sensor
 from services.wire.messages import Force, FtPacket, Torque
@@ -50,6 +51,13 @@ def test_the_mean_is_the_mean(samples: list[Force]) -> None:
 @given(st.tuples(COMPONENT, COMPONENT, COMPONENT), st.integers(1, 512))
 def test_the_mean_of_equal_samples_is_the_sample_to_the_last_bit(sample: Force, count: int) -> None:
     assert mean([sample] * count) == sample
+
+
+@given(st.lists(st.tuples(COMPONENT, COMPONENT, COMPONENT), min_size=1, max_size=64), st.integers(0, 63))
+def test_the_mean_does_not_depend_on_where_a_round_of_samples_begins(samples: list[Force], turn: int) -> None:
+    begun_later = samples[turn % len(samples) :] + samples[: turn % len(samples)]
+    assert mean(begun_later) == mean(samples)
+    assert spread(begun_later) == spread(samples)
 
 
 def test_force_and_torque_of_a_packet_are_averaged() -> None:

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from services.rules.guard import Guard
 from services.task.insertion import Insertion
 from services.wire.definition import Definition, Start
+from services.wire.definition_file import definition_sha256, load
+from services.wire.errors import DefinitionError
 from services.wire.messages import Home
 
 Make = Callable[..., Any]
@@ -60,6 +64,33 @@ def test_a_spread_start_depends_on_seed_and_episode_only(bench: Make) -> None:
     assert used.home(7, 99) == fresh.home(7, 0)
     assert pose_of(fresh.home(7)) != pose_of(fresh.home(8))
     assert pose_of(bench(start=SPREAD, seed=4).home(7)) != pose_of(fresh.home(7))
+
+
+@given(seed=st.integers(0, 2**63 - 1), episode=st.integers(0, 10**6), decimals=st.integers(1, 9))
+@settings(max_examples=50, deadline=None)
+def test_a_start_is_rounded_to_what_a_robot_is_told_and_stays_in_its_range(
+    seed: int, episode: int, decimals: int
+) -> None:
+    drawn, rounded = (
+        pose_of(Insertion(Definition(name="spread", start=start), RUN, seed).home(episode, 0))
+        for start in (SPREAD, replace(SPREAD, decimals=decimals))
+    )
+    assert rounded == tuple(round(value, decimals) for value in drawn)
+    home = Home(run=RUN, episode=episode, **dict(zip(POSE, rounded, strict=True)))
+    assert Guard(Definition(name="spread", start=replace(SPREAD, decimals=decimals))).homing(home) is None
+
+
+def test_a_start_of_more_decimals_than_it_is_rounded_to_is_refused() -> None:
+    with pytest.raises(
+        DefinitionError, match=r"start\.x_mm: expected no more decimals than start\.decimals = 2, got 1\.234"
+    ):
+        load("suite-round", ["start.decimals=2", "start.x_mm=1.234"])
+    assert load("suite-round", ["start.decimals=3", "start.x_mm=1.234"]).start.decimals == 3
+
+
+def test_a_run_from_before_starts_were_rounded_keeps_its_name() -> None:
+    assert definition_sha256(load("initial", ["start.decimals=0"])) == definition_sha256(load("initial"))
+    assert definition_sha256(load("initial", ["start.decimals=4"])) != definition_sha256(load("initial"))
 
 
 APART = Start(
