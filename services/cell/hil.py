@@ -86,7 +86,7 @@ def commands(hardware: Hil, cell: str, endpoint: str, sensor: Sensor) -> dict[st
     slow = (*baud, "--motion-s", str(THESIS_MOTION_S)) if hardware.thesis_speed else ()
     scales = ",".join(str(scale) for scale in 3 * [sensor.full_scale_n] + 3 * [sensor.full_scale_dnm])
     follow = ("--world", world, "--sensor-s", str(SENSOR_S), "--prompt", "arrived")
-    plugged = ("--calibration-s", "0", "--no-auto-zero", "--full-scales", scales)
+    plugged = ("--calibration-s", "0", "--no-auto-zero", "--no-filters", "--full-scales", scales)
     rate = ("--rate-hz", str(sensor.rate_hz if is_card_rate(sensor.rate_hz) else RATE_HZ))
     keep = ("--full-scales", "keep", "--settle-s", "0", *rate)
     ideal = ("--prompt", "arrived", "--settle-s", "0", "--speed", "100", "--tell-episode", "--auto-resume")

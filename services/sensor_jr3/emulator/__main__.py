@@ -85,6 +85,7 @@ def _parser() -> argparse.ArgumentParser:
         "--calibration-s", type=number(0.0, 60.0, "s"), default=2.0, help="after plugging in (default: 2)"
     )
     parser.add_argument("--no-auto-zero", action="store_true", help="do not zero the load after plugging in")
+    parser.add_argument("--no-filters", action="store_true", help="filters 1 to 6 stand still, which costs less")
     command.add_arguments(parser)
     return parser
 
@@ -100,6 +101,7 @@ def _sensor(arguments: argparse.Namespace) -> Sensor:
         adc_bits=arguments.adc_bits,
         calibration_steps=int(arguments.calibration_s * 8000),
         zeroes_itself=not arguments.no_auto_zero,
+        filters=not arguments.no_filters,
     )
 
 

@@ -39,6 +39,8 @@ class Sensor:
     """How long calibration takes to come in after plugging in."""
     zeroes_itself: bool = True
     """Whether the load is zeroed when calibration is in, as a real card does."""
+    filters: bool = True
+    """Whether filters 1 to 6 follow; without, they stand still, which costs little where nobody reads them."""
 
 
 class Dsp:
@@ -97,7 +99,7 @@ class Dsp:
             if self._steps % 4 ** (number - 1):
                 break
             self.words[_AT["counters"] + number - 1] = (self.words[_AT["counters"] + number - 1] + 1) & 0xFFFF
-            if not self._settled[number]:
+            if not self._settled[number] and self._sensor.filters:
                 self._filter(number)
         return True
 

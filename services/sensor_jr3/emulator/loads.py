@@ -11,6 +11,7 @@ import math
 from bisect import bisect_right
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 
 from services.rules.settings import SettingError
@@ -37,9 +38,15 @@ COLUMNS = ["t_s", "fx_n", "fy_n", "fz_n", "mx_nm", "my_nm", "mz_nm"]
 
 def nearest_counts(load: Load, full_scales: Sequence[int], units: int) -> list[int]:
     """Return the counts of a load, unlimited: 16384 is the full scale."""
+    return list(_nearest_counts(tuple(load), tuple(full_scales[:6]), units))
+
+
+@lru_cache(maxsize=1024)
+def _nearest_counts(load: tuple[float, ...], full_scales: tuple[int, ...], units: int) -> tuple[int, ...]:
+    """Return the same; a card that plays a motion's samples over and over asks for each many times."""
     force_n, moment_nm = _WORTH[units]
-    worth = [scale * (force_n if axis < 3 else moment_nm) for axis, scale in enumerate(full_scales[:6])]
-    return [round(Fraction(value) * 16384 / unit) for value, unit in zip(load, worth, strict=True)]
+    worth = [scale * (force_n if axis < 3 else moment_nm) for axis, scale in enumerate(full_scales)]
+    return tuple(round(Fraction(value) * 16384 / unit) for value, unit in zip(load, worth, strict=True))
 
 
 def load_of(counts: Sequence[int], full_scales: Sequence[int], units: int) -> Load:

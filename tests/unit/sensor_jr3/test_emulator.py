@@ -14,7 +14,10 @@ import services.sensor_jr3.emulator.loads as loads_module
 from services.rules.settings import SettingError
 from services.sensor_jr3 import memory_map as jr3
 from services.sensor_jr3.emulator.__main__ import constant_load
+from services.sensor_jr3.emulator.card import EmulatedCard
+from services.sensor_jr3.emulator.dsp import Dsp, Sensor
 from services.sensor_jr3.emulator.loads import COLUMNS, recording, transformed
+from services.sensor_jr3.stream import pace_of
 
 FOLDER = Path(loads_module.__file__).parent
 FORBIDDEN = {
@@ -243,3 +246,28 @@ def test_a_constant_load_is_any_six_numbers() -> None:
     for text in ("0,0,0", "", "1_0,0,0,0,0,0", "nan,0,0,0,0,0", "1e6,0,0,0,0,0"):
         with pytest.raises(SettingError, match=r"^--load: expected "):
             constant_load(text)
+
+
+@pytest.mark.parametrize("rate_hz", [500, 1000, 8000])
+def test_samples_of_a_motion_are_played_one_for_each_that_is_taken_at_that_rate(rate_hz: int) -> None:
+    now_s = [0.0]
+    card = EmulatedCard(Dsp(Sensor(full_scales=(200,) * 6, calibration_steps=0)), clock=lambda: now_s[0])
+    pace = pace_of(rate_hz)
+    address, data = jr3.counter_address(pace.counter), jr3.filter_address(0)
+    card.collect(address, data, 0.0)
+    played = [(200 * number / 16384, 0.0, 0.0, 0.0, 0.0, 0.0) for number in range(5)]
+    card.play(played, rate_hz)
+    now_s[0] += 23 / rate_hz
+    taken = [sample.counts[0] for sample in card.collect(address, data, 0.0).samples][:: pace.every]
+    assert len(taken) >= 20
+    assert taken[1:21] == [(taken[1] + number) % 5 for number in range(20)], "each once in a round, none left out"
+
+
+def test_filters_that_nobody_reads_may_stand_still() -> None:
+    still, moving = (Dsp(Sensor(filters=filters)) for filters in (False, True))
+    for dsp in (still, moving):
+        dsp.set_load((30.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        for _ in range(100):
+            dsp.step()
+    assert counts(still, 0) == counts(moving, 0)
+    assert counts(still, 1) == [0] * 6 != counts(moving, 1)

@@ -139,7 +139,7 @@ WRONG = [
     ('name = "mine"\n[start]\nx_mm = "2"\n', 3, "start.x_mm: expected `float`, got `str`"),
     ('name = "mine"\n[start]\nx_mm = true\n', 3, "start.x_mm: expected `float`, got `bool`"),
     ('name = "mine"\n[start]\nx_m = 1\n', 3, "start.x_m: unknown key; did you mean 'x_mm'?"),
-    ('name = "mine"\n[start]\nqqqqq = 1\n', 3, "start.qqqqq: unknown key; expected one of height_mm, rx_deg"),
+    ('name = "mine"\n[start]\nqqqqq = 1\n', 3, "start.qqqqq: unknown key; expected one of decimals, height_mm, rx_deg"),
     ('name = "mine"\n[stat]\nx_mm = 1\n', 2, "stat: unknown key; did you mean 'start'?"),
     ('name = "mine"\nepisodes = 0\n', 2, "episodes: expected `int` >= 1, got 0"),
     ('name = "mine"\nepisodes = 1.0\n', 2, "episodes: expected `int`, got `float`"),
