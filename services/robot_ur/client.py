@@ -1,4 +1,4 @@
-"""ur_rtde's interfaces to one controller. All but ``state`` may take long.
+"""ur_rtde's interfaces to one controller, and its packets. All but ``state`` may take long.
 
 They are used in a process of their own (``services.robot_ur.hands``): when a connection is lost, ur_rtde connects
 again by itself, sends its program again, and now and then takes the process with it.
@@ -13,6 +13,7 @@ import re
 from typing import Any, Protocol
 
 from services.robot_ur.errors import LostError, StateError
+from services.robot_ur.packets import Packets
 from services.robot_ur.poses import Pose, from_ur
 from services.robot_ur.states import State
 from services.rules.motions import ArmError
@@ -35,7 +36,6 @@ KNOWN_FIRMWARE = {3: 3, 5: 0}
 """Lowest minor version by major one that ur_rtde says it works with: CB3 and e-Series."""
 _DASHBOARD_MS = 2000
 _VERSION = re.compile(r"(\d+)\.(\d+)")
-_TORN = 3
 
 
 class Client(Protocol):
@@ -50,7 +50,7 @@ class Client(Protocol):
         """Model and version, for people."""
 
     def state(self) -> State | None:
-        """Return a packet that is newer than the one before, None for none."""
+        """Return the next packet, None for none so far."""
 
     def take_control(self) -> None:
         """Send our program to the controller and have it run."""
@@ -89,7 +89,6 @@ class RtdeClient:
     def __init__(self, address: str, rate_hz: float, *, raw: bool, watchdog_s: float, any_firmware: bool) -> None:
         """Connect and receive. Raises LostError when there is no controller, StateError for one that is not known."""
         import dashboard_client
-        import rtde_receive
 
         self._address, self._raw, self._watchdog_s = address, raw, watchdog_s
         self._control: Any = None
@@ -100,38 +99,35 @@ class RtdeClient:
         self.version = _checked_version(version, any_firmware)
         self.what = f"PolyScope {version}"
         names = [*OUTPUTS, RAW] if raw else list(OUTPUTS)
-        self._receive = self._said(lambda: rtde_receive.RTDEReceiveInterface(address, rate_hz, names))
-        self._t_s: float | None = None
+        self._packets = Packets(address, rate_hz, names)
 
     @property
     def connected(self) -> bool:
         """See Client."""
-        return bool(self._receive.isConnected())
+        return self._packets.connected
 
     def state(self) -> State | None:
-        """See Client. Each value is asked for alone, so the time before and after must be the same."""
-        receive = self._receive
-        for _ in range(_TORN):
-            t_s = receive.getTimestamp()
-            if t_s == self._t_s:
-                return None
-            x, y, z, *_ = receive.getActualTCPSpeed()
-            state = State(
-                t_s=t_s,
-                pose=from_ur(receive.getActualTCPPose()),
-                speed_mm_s=1000.0 * (x * x + y * y + z * z) ** 0.5,
-                force=tuple(receive.getActualTCPForce()),
-                raw=tuple(receive.getFtRawWrench()) if self._raw else (0.0,) * 6,
-                robot_mode=receive.getRobotMode(),
-                safety_mode=receive.getSafetyMode(),
-                runtime=receive.getRuntimeState(),
-                payload_kg=receive.getPayload(),
-                payload_cog_mm=tuple(1000.0 * value for value in receive.getPayloadCog()),
-            )
-            if receive.getTimestamp() == t_s:
-                self._t_s = t_s
-                return state
-        return None
+        """See Client."""
+        try:
+            values = self._packets.take()
+        except LostError:
+            self._packets.close()
+            return None
+        if values is None:
+            return None
+        x, y, z, *_ = values["actual_TCP_speed"]
+        return State(
+            t_s=values["timestamp"][0],
+            pose=from_ur(values["actual_TCP_pose"]),
+            speed_mm_s=1000.0 * (x * x + y * y + z * z) ** 0.5,
+            force=values["actual_TCP_force"],
+            raw=values.get(RAW, (0.0,) * 6),
+            robot_mode=int(values["robot_mode"][0]),
+            safety_mode=int(values["safety_mode"][0]),
+            runtime=int(values["runtime_state"][0]),
+            payload_kg=values["payload"][0],
+            payload_cog_mm=tuple(1000.0 * value for value in values["payload_cog"]),
+        )
 
     def take_control(self) -> None:
         """See Client."""
@@ -224,12 +220,6 @@ def _in_our_words(said: str, address: str) -> ArmError:
         )
     if "remote control" in lower:
         return StateError(_LOCAL)
-    if "not found by the controller" in lower:
-        names = re.findall(r"\[([^\]]*)\]", said)
-        return StateError(
-            f"robot: expected a controller that gives {', '.join(OUTPUTS)}, this one does not know "
-            f"{', '.join(names) or 'all of them'}; {RAW} is asked for by --wrist raw only, and comes with 5.9"
-        )
     return ArmError(f"robot: {one_line(said)[:200]}")
 
 

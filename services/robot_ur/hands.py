@@ -90,7 +90,8 @@ def main() -> None:
         state = client.state()
         if state is not None:
             say(Seen(state))
-        elif not client.connected:
+            continue
+        if not client.connected:
             say(Gone())
         time.sleep(pause_s)
 
