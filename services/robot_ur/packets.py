@@ -33,8 +33,7 @@ class Recipe:
         if missing or len(types) != len(names):
             raise StateError(
                 f"robot: expected a controller that gives {', '.join(names)}, this one does not know "
-                f"{', '.join(missing) or 'all of them'}; ft_raw_wrench is asked for by --wrist raw only, and comes with "
-                "5.9"
+                f"{', '.join(missing) or 'all of them'}; ft_raw_wrench is asked for by --wrist raw only, from 5.9 on"
             )
         self._fields = [(name, struct.Struct(">" + _FORMATS[kind])) for name, kind in zip(names, types, strict=True)]
         self._size = 1 + sum(form.size for _, form in self._fields)

@@ -85,7 +85,7 @@ def test_packets_come_in_order_and_all_of_them_however_late_somebody_looks(contr
     assert packets.take() is None
     made.send.set()
     made.thread.join()
-    taken = []
+    taken: list[float] = []
     while packets.connected or taken[-1:] != [299.0]:
         values = packets.take()
         if values is not None:
