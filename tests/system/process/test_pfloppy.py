@@ -96,6 +96,25 @@ def test_a_controller_boots_and_keeps_its_files_there(
     cable.close()
 
 
+def test_a_controller_boots_from_the_image_of_a_disk(
+    run_module: Callable[..., Any], port: socket.socket, tmp_path: Path
+) -> None:
+    folder = tmp_path / "disk"
+    folder.mkdir()
+    (folder / "VAL.SYS").write_text(f"{BANNER}\nand the rest")
+    for served, words in ((folder, ("IMAGE", str(tmp_path / "val2.img"))), (tmp_path / "val2.img", ("BOOT",))):
+        drive = run_module("treenail.__main__", "pfloppy", url_of(port), str(served))
+        cable, _ = port.accept()
+        client = run_module("treenail.tools.pfloppy.try_it", url_of(port), *words)
+        end, _ = port.accept()
+        with cable, end:
+            relay(cable, end)
+        assert client.end() == 0, client.err
+        assert drive.stop() == 0
+    assert client.out == f"{BANNER}\n"
+    assert f"unit 0 is {tmp_path / 'val2.img'}" in drive.out
+
+
 def test_a_serial_port_and_two_units(run_module: Callable[..., Any], tmp_path: Path) -> None:
     folders = [tmp_path / "zero", tmp_path / "one"]
     for folder in folders:

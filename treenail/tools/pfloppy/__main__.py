@@ -1,4 +1,4 @@
-"""``treenail pfloppy``: a floppy drive for an old controller; plain files of a folder over a serial line.
+"""``treenail pfloppy``: a floppy drive for an old controller; a folder or an image over a serial line.
 
 VAL II's own floppy protocol and directory format are not publicly known. The protocol tu58 is a STAND-IN, see
 docs/pfloppy.md. Never yet run on hardware.
@@ -18,8 +18,9 @@ from services.rules import command_line
 from services.rules.command_line import Parser
 from treenail.tools.pfloppy.disk_errors import DiskError
 from treenail.tools.pfloppy.folder import Folder, FolderError
+from treenail.tools.pfloppy.image import Image
 from treenail.tools.pfloppy.layout import NAME, NAME_RULE
-from treenail.tools.pfloppy.protocols import find, names
+from treenail.tools.pfloppy.protocols import Disk, find, names
 from treenail.tools.pfloppy.serving import serve
 from treenail.tools.pfloppy.volume import Volume
 
@@ -36,7 +37,7 @@ def _act(words: Sequence[str] | None) -> int:
         parser.error(f"--system: expected {NAME_RULE}, got {arguments.system!r}")
     signal.signal(signal.SIGTERM, _stop)
     protocol = find(arguments.protocol)
-    volumes = [_volume(path, arguments.system, arguments.read_only) for path in arguments.folders]
+    volumes = _disks(arguments.folders, arguments.system, arguments.read_only)
     line = serial_line.line_of(arguments)
     line.open()
     _say(f"{arguments.protocol}: {protocol.summary}")
@@ -50,7 +51,9 @@ def _act(words: Sequence[str] | None) -> int:
 def _parser() -> Parser:
     parser = Parser(prog="treenail pfloppy", description=__doc__)
     serial_line.add_arguments(parser)
-    parser.add_argument("folders", metavar="DIR", nargs="+", type=Path, help="folder of a unit: the first is unit 0")
+    parser.add_argument(
+        "folders", metavar="DIR|IMAGE", nargs="+", type=Path, help="folder or disk image of a unit: the first is unit 0"
+    )
     known = ", ".join(names())
     parser.add_argument("--protocol", default="tu58", help=f"one of {known} (default: tu58, a stand-in)")
     parser.add_argument("--system", default="VAL.SYS", help="file that the boot block names (default: VAL.SYS)")
@@ -58,11 +61,21 @@ def _parser() -> Parser:
     return parser
 
 
-def _volume(path: Path, system: str, read_only: bool) -> Volume:
+def _disks(paths: list[Path], system: str, read_only: bool) -> list[Disk]:
+    """Return the units: a plain file is an image, all else a folder. Images may lie in one folder."""
+    homes: dict[Path, Folder] = {}
+    disks: list[Disk] = []
     try:
-        return Volume(Folder(path), system, read_only, _say)
+        for path in paths:
+            if not path.is_file():
+                disks.append(Volume(Folder(path), system, read_only, _say))
+                continue
+            home = path.parent.resolve()
+            homes[home] = homes.get(home) or Folder(path.parent)
+            disks.append(Image(homes[home], path.name, read_only, _say))
     except DiskError as error:
         raise FolderError(str(error)) from error
+    return disks
 
 
 def _units(folders: list[Path]) -> str:

@@ -7,7 +7,7 @@ shares no code with the drive, so that a mistake on one side shows.
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import TypeAlias, TypeVar
 
@@ -28,12 +28,17 @@ CODES = {
     0xD0: "no such operation",
     0xC9: "no such block",
 }
+NO_BLOCK = 0xC9
 BLOCK = 512
 _READ, _WRITE, _RECORDS, _MRSP = 2, 3, 0x80, 0x08
 
 
 class FloppyError(TreenailError):
     """The drive or the disk refuses, or what came from them makes no sense."""
+
+
+class NoBlockError(FloppyError):
+    """The drive says that its medium has no such block."""
 
 
 @dataclass(frozen=True)
@@ -146,6 +151,16 @@ class FloppyClient:
             raise FloppyError(f"{new}: there is such a file already")
         yield from self._enter(directory, file.slot, _entry(new, file.start, file.length))
 
+    def image(self, tell: Callable[[int], None] = lambda blocks: None) -> Talk[bytes]:
+        """Return the whole medium, block by block until the drive has no more; ``tell`` hears how many there are."""
+        content = bytearray()
+        while True:
+            try:
+                content += yield from self.read(len(content) // BLOCK, BLOCK)
+            except NoBlockError:
+                return bytes(content)
+            tell(len(content) // BLOCK)
+
     def read(self, block: int, count: int, modifier: int = 0) -> Talk[bytes]:
         """Return ``count`` bytes from a block on; more than 32 KiB come in pieces."""
         content = b""
@@ -204,7 +219,8 @@ class FloppyClient:
             raise FloppyError(f"drive: expected END (40), got {message[0]:02X}")
         if message[1] > 1:
             why = CODES.get(message[1], "unknown code")
-            raise FloppyError(f"drive: {why} ({message[1]:02X}) after {int.from_bytes(message[6:8], 'little')} bytes")
+            kind = NoBlockError if message[1] == NO_BLOCK else FloppyError
+            raise kind(f"drive: {why} ({message[1]:02X}) after {int.from_bytes(message[6:8], 'little')} bytes")
 
     def _checked(self, head: bytes, length: int) -> Talk[bytes]:
         """Take the rest of a packet and hold its checksum against the bytes."""

@@ -2,6 +2,7 @@
 
     BOOT              start up from the disk and print the system file's banner
     DIR               list the files
+    IMAGE FILE        copy the whole disk, block by block, into FILE
     LOAD NAME [FILE]  read a file from the disk, to FILE or to the screen
     STORE NAME FILE   write a file to the disk
     DELETE NAME       take a file off the disk
@@ -29,6 +30,7 @@ T = TypeVar("T")
 WORDS = {
     "BOOT": (0, 0),
     "DIR": (0, 0),
+    "IMAGE": (1, 1),
     "LOAD": (1, 2),
     "STORE": (2, 2),
     "DELETE": (1, 1),
@@ -76,8 +78,8 @@ def _act() -> None:
         line.open()
         client = FloppyClient(arguments.unit, arguments.mrsp)
         printed = talk(_operation(arguments.command, arguments.words, client), line, arguments.patience)
-        if len(arguments.words) > 1 and arguments.command == "LOAD":
-            Path(arguments.words[1]).write_bytes(printed)
+        if arguments.command == "IMAGE" or (len(arguments.words) > 1 and arguments.command == "LOAD"):
+            Path(arguments.words[-1]).write_bytes(printed)
         else:
             sys.stdout.buffer.write(printed)
     except OSError as error:
@@ -96,6 +98,9 @@ def _operation(command: str, words: list[str], client: FloppyClient) -> Talk[byt
     if command == "DIR":
         directory = yield from client.directory()
         return _table(directory).encode()
+    if command == "IMAGE":
+        image = yield from client.image(_read_so_far)
+        return image
     if command == "LOAD":
         content = yield from client.load(names[0])
         return content
@@ -108,6 +113,12 @@ def _operation(command: str, words: list[str], client: FloppyClient) -> Talk[byt
     else:
         yield from client.rename(*names)
     return b""
+
+
+def _read_so_far(blocks: int) -> None:
+    """Say now and then how far the copy is; how long the disk is shows only at its end."""
+    if blocks % 64 == 0:
+        print(f"floppy: {blocks} blocks", file=sys.stderr, flush=True)
 
 
 def _table(directory: Directory) -> str:
