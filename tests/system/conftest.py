@@ -55,3 +55,14 @@ def after_actions(wait_until: Callable[..., None]) -> Callable[[str, int], None]
             session.close()  # type: ignore[no-untyped-call]
 
     return wait
+
+
+@pytest.fixture
+def listed_moves() -> tuple[str, ...]:
+    """Overrides for moves on several axes at once, with turns of all three, and one back out."""
+    moves = (
+        "{name='in',z_mm=0.4},{name='out',z_mm=-0.4},{name='+X',x_mm=0.4},{name='-X',x_mm=-0.4},"
+        "{name='aside',x_mm=0.1375,y_mm=-0.2625},{name='+Y',y_mm=0.4},{name='roll',rx_deg=0.3,ry_deg=-0.2,rz_deg=0.15},"
+        "{name='screw',y_mm=0.1,z_mm=0.2,rx_deg=-0.3,rz_deg=-0.4}"
+    )
+    return (f"moves.list=[{moves}]", "limits.hard_force_n=60")

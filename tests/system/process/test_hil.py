@@ -27,6 +27,18 @@ def up_hil(up: Callable[..., Any], tmp_path: Path) -> Callable[..., Any]:
     return start
 
 
+def test_listed_moves_go_through_the_line_as_they_are(
+    up_hil: Callable[..., Any],
+    reference: Callable[..., dict[str, str]],
+    digests_in: Callable[[Path], dict[str, str]],
+    listed_moves: tuple[str, ...],
+    tmp_path: Path,
+) -> None:
+    process = up_hil(*(word for item in listed_moves for word in ("--set", item)), episodes=4)
+    assert process.end() == 0, process.err
+    assert digests_in(tmp_path / "A") == reference(4, 1, *listed_moves, *FULL_SCALES)
+
+
 @pytest.mark.parametrize("link", ["terminal", "supervisory"])
 def test_through_both_protocols_a_run_ends_as_the_one_in_one_process(
     up_hil: Callable[..., Any],

@@ -51,6 +51,20 @@ def test_the_suite_s_task_is_learnt_as_in_one_process_whichever_process_is_kille
     assert digests_in(tmp_path / "A") == reference(LONG, 1, *FULL_SCALES, "start.decimals=4", experiment=SUITE)
 
 
+def test_listed_moves_and_windows_of_the_wrist_s_samples_come_to_the_same(
+    up_ur: Callable[..., Any],
+    reference: Callable[..., dict[str, str]],
+    digests_in: Callable[[Path], dict[str, str]],
+    listed_moves: tuple[str, ...],
+    tmp_path: Path,
+) -> None:
+    """Packets are few a second here, so that a machine that has other things to do takes all of them in time."""
+    sets = (*listed_moves, "sensor.window=3", "sensor.rate_hz=50", "noise.force_n=0.1")
+    process = up_ur("--robot", "emulated", *(word for item in sets for word in ("--set", item)), episodes=2)
+    assert process.end() == 0, process.err
+    assert digests_in(tmp_path / "A") == reference(2, 1, *sets, *FULL_SCALES)
+
+
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
