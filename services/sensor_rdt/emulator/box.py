@@ -81,7 +81,8 @@ class Box:
 
     def due(self, now_s: float, send: Callable[[bytes, Address], object]) -> None:
         """Send what is due."""
-        if self.peer is None:
+        peer = self.peer  # the panel's thread may forget it meanwhile
+        if peer is None:
             return
         number = min(int((now_s - self.sent_s) * self.rate_hz), _LONGEST_BURST)
         if self.left > 0:
@@ -90,10 +91,10 @@ class Box:
             return
         self.sent_s = max(self.sent_s + number / self.rate_hz, now_s - 1.0)
         for _ in range(number):
-            self._send_one(now_s, self.peer, send)
+            self._send_one(now_s, peer, send)
         if self.left > 0:
             self.left -= number
-            self.peer = self.peer if self.left else None
+            self.peer = peer if self.left else None
 
     def reboot(self) -> None:
         """Be switched off and on again: nobody is sent anything."""

@@ -12,6 +12,8 @@ from typing import Any, TypeAlias
 
 import pytest
 
+from services.cell.hil import FULL_SCALES
+
 EPISODES = 24
 """More than there are between two checkpoints."""
 SERVICES = ("router", "store", "task", "classifier", "agent", "viewer", "sim")
@@ -19,6 +21,7 @@ CONTAINERS = (*SERVICES, "viewer-front")
 PATIENCE_S = 30.0
 BASE = "debian:bookworm-slim"
 MOST_ABOVE_BASE = 250_000_000
+SUITE = "suite-round"
 Docker: TypeAlias = Callable[..., str]
 
 
@@ -74,8 +77,17 @@ def test_through_emulated_hardware_a_cell_learns_the_same(
 ) -> None:
     composition.profile = "hil"
     composition("up", "--detach", EPISODES=4, SEED=1)
-    assert composition.digests(4) == reference(4, 1, "sensor.full_scale_n=200", "sensor.full_scale_dnm=120")
+    assert composition.digests(4) == reference(4, 1, *FULL_SCALES, "start.decimals=4")
     assert len(composition.containers("robot_link")) == len(composition.containers("sensor_jr3")) == 1
+
+
+def test_through_an_emulated_arm_of_universal_robots_the_suite_s_task_is_learnt_the_same(
+    composition: Any, reference: Callable[..., dict[str, str]]
+) -> None:
+    composition.profile = "ur"
+    composition("up", "--detach", EPISODES=3, SEED=1, EXPERIMENT=SUITE)
+    assert composition.digests(3) == reference(3, 1, *FULL_SCALES, "start.decimals=4", experiment=SUITE)
+    assert len(composition.containers("robot_ur")) == len(composition.containers("ur-controller")) == 1
 
 
 def test_containers_are_given_no_more_than_they_need(composition: Any, docker: Docker) -> None:
