@@ -21,7 +21,7 @@ from experiments.reproduce.verdicts import Verdict
 from services.classifier import art2_kernel as kernel
 from services.classifier.encoding import encode, input_count
 
-VECTORS, QUICK_VECTORS = 2500, 600
+VECTORS = 2500
 READINGS: Mapping[str, tuple[int, int]] = {
     "q' of F0": (0, kernel.Q),
     "q of F1": (1, kernel.Q),
@@ -45,7 +45,7 @@ class Reading:
 def readings(context: Context, source: Source, rhos: Sequence[float]) -> tuple[Block, ...]:
     """Return the part of the chapter; ``source`` is the first recording."""
     samples = [sample for group in source.groups for sample in group]
-    samples = samples[: QUICK_VECTORS if context.quick else VECTORS]
+    samples = samples[:VECTORS]
     keys = [Reading(source.sha256, len(samples), rho, reading) for reading in READINGS for rho in rhos]
     classes = iter(context.pieces("vectors, classified by three readings", keys, partial(count, samples), int))
     by_reading = {reading: [next(classes) for _ in rhos] for reading in READINGS}

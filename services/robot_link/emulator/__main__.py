@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from functools import partial
 
 import zenoh
 
@@ -13,10 +14,12 @@ from services.bus.world import World
 from services.robot_link.emulator import poses
 from services.robot_link.emulator.arm import Arm, IdealArm
 from services.robot_link.emulator.controller import Behaviour, Controller
+from services.robot_link.emulator.floppy import boot_from
 from services.robot_link.emulator.poses import CONVENTIONS, Frame
 from services.robot_link.emulator.server import Server, Text
 from services.robot_link.emulator.supervisory import SupervisoryController
 from services.robot_link.emulator.world_arm import WorldArm
+from services.robot_link.serial_line import Line, LineSettings
 from services.rules.command_line import Parser, address, number, whole
 from services.wire.keys import Keys
 
@@ -41,6 +44,7 @@ def main() -> None:
         "--motion-s", type=number(0.0, 600.0), default=usual.motion_s, help="how long a motion takes (default: 0)"
     )
     parser.add_argument("--cold", action="store_true", help="begin with the questions of a cold start")
+    parser.add_argument("--floppy", metavar="URL", help="with --cold: the drive that Y at its start loads from")
     parser.add_argument("--power-off", action="store_true", help="begin with the arm power off")
     parser.add_argument("--start", default="TREENAIL", help="name of the taught location (default: TREENAIL)")
     parser.add_argument(
@@ -71,6 +75,8 @@ def main() -> None:
     )
     locations: dict[str, Frame] = {arguments.start: start}
     controller = Controller(arm, behaviour, locations)
+    if arguments.floppy is not None:
+        controller.boot = partial(boot_from, Line(arguments.floppy, LineSettings()))
     controller.faults.power = not arguments.power_off
     text: Text = controller
     if arguments.mode == "supervisory":

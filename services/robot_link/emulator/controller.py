@@ -16,8 +16,11 @@ import numpy as np
 from services.robot_link.emulator import poses
 from services.robot_link.emulator.arm import Arm, ArmFault
 from services.robot_link.emulator.poses import Frame
+from services.wire.errors import TreenailError
 
 BANNER = ("VAL II EMULATOR", "No arm was harmed")
+LOAD = "Load VAL II from floppy (Y/N)? "
+"""What a controller asks first that has lost its memory."""
 _NAME = re.compile(r"[A-Z][A-Z0-9.]{0,14}\Z")
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)\Z", re.ASCII)
 _CALL = re.compile(r"TRANS\(([^()]*)\)\Z")
@@ -82,6 +85,8 @@ class Controller:
     behaviour: Behaviour = field(default_factory=Behaviour)
     locations: dict[str, Frame] = field(default_factory=dict)
     faults: Faults = field(default_factory=Faults)
+    boot: Callable[[], str] | None = None
+    """Loads its system off a floppy, and returns what that says first; whatever TreenailError it raises is shown."""
     motions: int = 0
     """Motions begun so far."""
     heard: list[str] = field(default_factory=list)
@@ -94,7 +99,7 @@ class Controller:
         self._waiting: list[str] = []
         self._motion: _Motion | None = None
         self._calibrated = not self.behaviour.cold
-        self._questions = ["Load VAL II from floppy (Y/N)? ", "Initialize (Y/N)? "] if self.behaviour.cold else []
+        self._questions = [LOAD, "Initialize (Y/N)? "] if self.behaviour.cold else []
 
     @property
     def next_deadline_s(self) -> float | None:
@@ -157,9 +162,7 @@ class Controller:
         """Carry a line out; return what is shown, the prompt included."""
         self.heard = [*self.heard[-99:], line]
         if self._questions:
-            if line in ("Y", "N", ""):
-                self._questions.pop(0)
-            return self._questions[0] if self._questions else "."
+            return self._answer(line)
         if self._motion is not None and self.behaviour.prompt == "arrived" and not line.startswith("AB"):
             self._waiting.append(line)
             return ""
@@ -171,6 +174,18 @@ class Controller:
         body = "".join(f"{answer}\r\n" for answer in lines)
         moving = self.motions != begun and self.behaviour.prompt == "arrived"
         return body + ("" if moving else ".")
+
+    def _answer(self, line: str) -> str:
+        """Take the answer to a question; a load that fails asks again."""
+        loaded = ""
+        if (self._questions[0], line) == (LOAD, "Y") and self.boot is not None:
+            try:
+                loaded = f"{self.boot()}\r\n"
+            except TreenailError as error:
+                return f"*{error}*\r\n{LOAD}"
+        if line in ("Y", "N", ""):
+            self._questions.pop(0)
+        return loaded + (self._questions[0] if self._questions else ".")
 
     def _out(self, shown: str) -> bytes:
         data = shown.encode()

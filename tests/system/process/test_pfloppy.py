@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from treenail.tools.pfloppy.client import FloppyClient
+from services.robot_link.emulator.floppy import FloppyClient
 
 BANNER = "VAL II STAND-IN SYSTEM"
 OLD, NEW = b"the old file", b"the new one"
@@ -113,6 +113,36 @@ def test_a_controller_boots_from_the_image_of_a_disk(
         assert drive.stop() == 0
     assert client.out == f"{BANNER}\n"
     assert f"unit 0 is {tmp_path / 'val2.img'}" in drive.out
+
+
+def test_the_emulated_controller_boots_from_it(
+    run_module: Callable[..., Any], wait_until: Callable[..., None], port: socket.socket, tmp_path: Path
+) -> None:
+    (tmp_path / "VAL.SYS").write_text(f"{BANNER}\nand the rest")
+    drive = run_module("treenail.__main__", "pfloppy", url_of(port), str(tmp_path))
+    cable, _ = port.accept()
+    controller = run_module(
+        "services.robot_link.emulator", "--listen", "127.0.0.1:0", "--cold", "--floppy", url_of(port)
+    )
+    wait_until("the controller listens", lambda: "listening on socket" in controller.out)
+    where = controller.out.split("listening on socket://127.0.0.1:")[1]
+    with socket.create_connection(("127.0.0.1", int(where.split()[0])), timeout=60) as terminal:
+
+        def shown(until: bytes) -> bytes:
+            seen = b""
+            while until not in seen:
+                seen += terminal.recv(4096)
+            return seen
+
+        shown(b"Load VAL II from floppy (Y/N)? ")
+        terminal.sendall(b"Y\r")
+        end, _ = port.accept()
+        with end:
+            relay(cable, end)
+        assert f"\r\n{BANNER}\r\n".encode() in shown(b"Initialize (Y/N)? ")
+    cable.close()
+    assert controller.stop() == 0
+    assert drive.stop() == 0
 
 
 def test_a_serial_port_and_two_units(run_module: Callable[..., Any], tmp_path: Path) -> None:

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.robot_link.emulator.arm import IdealArm
-from services.robot_link.emulator.controller import Controller
+from services.robot_link.emulator.controller import LOAD, Behaviour, Controller
+from services.robot_link.emulator.floppy import FloppyError
 from services.robot_link.val2.dialects import DIALECTS
 from services.robot_link.val2.terminal import Answer, Event, Greeted, State, Terminal, Trouble
 
@@ -200,3 +201,20 @@ def test_a_motion_typed_before_a_crash_is_not_carried_out_by_the_next_connection
     assert controller.motions == 0
     controller.receive(MOVE.encode() + b"\r", 2.0)
     assert controller.motions == 1, "the same line, ended, is carried out"
+
+
+def test_a_cold_controller_loads_its_system_from_a_floppy() -> None:
+    def no_drive() -> str:
+        raise FloppyError("drive: expected an answer within 10 s, got none")
+
+    cold = Behaviour(cold=True)
+    controller = Controller(IdealArm(np.eye(4)), cold, boot=no_drive)
+    assert controller.start(0.0).endswith(LOAD.encode())
+    refused = controller.receive(b"Y\r", 0.1).decode()
+    assert refused.endswith(f"*drive: expected an answer within 10 s, got none*\r\n{LOAD}"), "and it asks again"
+    controller.boot = lambda: "VAL II SYSTEM"
+    assert controller.receive(b"Y\r", 0.2).endswith(b"\r\nVAL II SYSTEM\r\nInitialize (Y/N)? ")
+    assert controller.receive(b"N\r", 0.3).endswith(b"\r\n.")
+    without = Controller(IdealArm(np.eye(4)), cold, boot=no_drive)
+    without.start(0.0)
+    assert without.receive(b"N\r", 0.1).endswith(b"\r\nInitialize (Y/N)? "), "N leaves the disk alone"

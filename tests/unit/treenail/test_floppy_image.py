@@ -7,7 +7,7 @@ from typing import TypeVar
 
 import pytest
 
-from treenail.tools.pfloppy.client import FloppyClient, FloppyError, NoBlockError, Talk
+from services.robot_link.emulator.floppy import FloppyClient, FloppyError, NoBlockError, Talk
 from treenail.tools.pfloppy.disk_errors import DiskError, ProtectedError
 from treenail.tools.pfloppy.folder import Folder, FolderError
 from treenail.tools.pfloppy.image import Image

@@ -16,7 +16,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from treenail.tools.pfloppy.client import FloppyClient, FloppyError, Talk
+from services.robot_link.emulator.floppy import FloppyClient, FloppyError, Talk
 from treenail.tools.pfloppy.disk_errors import DiskError
 from treenail.tools.pfloppy.folder import Folder, FolderError
 from treenail.tools.pfloppy.layout import Entry, PlainLayout

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from treenail.tools.pfloppy.client import ones_sum
+from services.robot_link.emulator.floppy import ones_sum
 from treenail.tools.pfloppy.disk_errors import DamageError, MissingError, ProtectedError
 from treenail.tools.pfloppy.tu58 import (
     Control,

@@ -16,16 +16,12 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import TypeVar
 
 from services.robot_link import serial_line
-from services.robot_link.serial_line import Line
+from services.robot_link.emulator.floppy import Directory, FloppyClient, Talk, talk
 from services.rules import command_line
 from services.rules.command_line import Parser, RawHelp, number, whole
 from services.wire.errors import TreenailError
-from treenail.tools.pfloppy.client import Directory, FloppyClient, FloppyError, Talk
-
-T = TypeVar("T")
 
 WORDS = {
     "BOOT": (0, 0),
@@ -38,22 +34,6 @@ WORDS = {
     "RENAME": (2, 2),
 }
 """Fewest and most words of each command."""
-
-
-def talk(operation: Talk[T], line: Line, patience_s: float) -> T:
-    """Carry one operation out over a line. Raises FloppyError, LineError."""
-    try:
-        sent = next(operation)
-        while True:
-            if sent:
-                line.write(sent)
-            came = line.read(patience_s)
-            if not came:
-                raise FloppyError(f"drive: expected an answer within {patience_s:g} s, got none")
-            sent = operation.send(came)
-    except StopIteration as end:
-        result: T = end.value
-        return result
 
 
 def main() -> int:

@@ -1,4 +1,4 @@
-"""The controller's side of a floppy drive, for trying pfloppy without a controller: a pure machine.
+"""The controller's side of a floppy drive, for an emulated controller that boots from one, and for trying pfloppy.
 
 Every operation is a generator: it yields bytes to send (perhaps none) and is sent the bytes that came; its value is the
 result. It knows TU58's Radial Serial Protocol and pfloppy's directory from their descriptions (docs/pfloppy.md) and
@@ -11,6 +11,7 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import TypeAlias, TypeVar
 
+from services.robot_link.serial_line import Line
 from services.wire.errors import TreenailError
 
 T = TypeVar("T")
@@ -30,6 +31,8 @@ CODES = {
 }
 NO_BLOCK = 0xC9
 BLOCK = 512
+PATIENCE_S = 10.0
+"""How long a drive may say nothing."""
 _READ, _WRITE, _RECORDS, _MRSP = 2, 3, 0x80, 0x08
 
 
@@ -78,6 +81,34 @@ def ones_sum(data: bytes) -> int:
     low, high = sum(data[0::2]), sum(data[1::2])
     total = low + (high << 8)
     return (total - 1) % 0xFFFF + 1 if total else 0
+
+
+def talk(operation: Talk[T], line: Line, patience_s: float) -> T:
+    """Carry one operation out over an open line. Raises FloppyError, LineError."""
+    try:
+        sent = next(operation)
+        while True:
+            if sent:
+                line.write(sent)
+            came = line.read(patience_s)
+            if not came:
+                raise FloppyError(f"drive: expected an answer within {patience_s:g} s, got none")
+            sent = operation.send(came)
+    except StopIteration as end:
+        result: T = end.value
+        return result
+
+
+def boot_from(line: Line, patience_s: float = PATIENCE_S) -> str:
+    """Open a line, start up from the drive at its other end, and return the system's banner.
+
+    Raises FloppyError, LineError.
+    """
+    line.open()
+    try:
+        return talk(FloppyClient().boot(), line, patience_s)
+    finally:
+        line.close()
 
 
 class FloppyClient:
