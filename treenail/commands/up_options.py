@@ -21,8 +21,8 @@ PROFILES = ("sim", "hil", "ur")
 WEB_PORT = 9090
 USUAL, USUAL_EPISODES = "suite-round", 200
 """What is learnt where nothing is said: a peg from random starts."""
-WITH_HARDWARE = "chamfered-q-softmax"
-"""The same through hardware, emulated or not: the thesis's own, whose start is always the same."""
+OLD_IRON = "chamfered-q-softmax"
+"""The same with the thesis's own hardware, emulated: the thesis's own task, whose start is always the same."""
 _ARM_HELP = "ur: an option of `treenail robot_ur`: --arm start=120,-430,215,2.3,-1.9,0.2 --arm unlock-protective-stop"
 
 
@@ -36,8 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--experiment",
-        help=f"name or TOML file of the definition (default: {USUAL}, {USUAL_EPISODES} episodes; "
-        f"with hardware {WITH_HARDWARE})",
+        help=f"name or TOML file of the definition (default: {USUAL}, {USUAL_EPISODES} episodes; hil: {OLD_IRON})",
     )
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
     parser.add_argument("--episodes", type=whole(1, LONGEST_RUN), help="length of the run (default: the definition's)")
@@ -119,10 +118,10 @@ def plan_of(arguments: argparse.Namespace) -> Plan:
         web_port = None if arguments.no_web else web_port
         viewer = viewer_at(arguments.viewer_bind, arguments.viewer_port, web_port, arguments.save)
     experiment, episodes = arguments.experiment, arguments.episodes
-    if experiment is None and arguments.profile == "sim":
+    if experiment is None and arguments.profile != "hil":
         experiment, episodes = USUAL, episodes or USUAL_EPISODES
     return make_plan(
-        experiment or WITH_HARDWARE,
+        experiment or OLD_IRON,
         overrides=arguments.set,
         seed=arguments.seed,
         episodes=episodes,
