@@ -32,6 +32,7 @@ TORQUE_UNITS = {
     "lbfft": _POUND_N * 12.0 * _INCH_M,
     "kgcm": _KILOPOND_N / 100.0,
     "kgfcm": _KILOPOND_N / 100.0,
+    "kgm": _KILOPOND_N,
 }
 """Newton metre in one, by name in small letters without what stands between."""
 _MOST_COUNTS = 1e12

@@ -49,6 +49,8 @@ def test_a_record_with_every_sign_bit_set() -> None:
         (0x80020000, SATURATED, "saturated, or its converter fails"),
         (0x90000000, LOST, "analog board"),
         (0x80000000, LOST, "an error that it does not name"),
+        (0xC0000000, LOST, "CPU or memory, or of an Axia saturated"),
+        (0x80000002, LOST, "an error that it does not name"),  # an Axia's supply
         (0x90020000, SATURATED | LOST, "analog board, saturated, or its converter fails"),
         (0x00010000, 0, ""),  # a condition of the user's own is met: no trouble
     ],
