@@ -22,8 +22,8 @@ SATURATED, NEAR_SATURATION, LOST, CHANGED, NOT_ZEROED = 1, 2, 4, 8, 16
 """Bits of ``FtPacket.status``."""
 _ERROR = 1 << 31
 _SATURATION = 1 << 17
-# Of a Net F/T. ATI's later sensors have others from 0 to 30, by a public driver of their EtherCAT ones: 30 saturated, 29
-# calibration, 28 a simulated error; also there 31 tells that any is an error. Whichever it is, nothing moves.
+# Of a Net F/T. ATI's later sensors have others from 0 to 30, by a public driver of their EtherCAT ones: 30 saturated,
+# 29 calibration, 28 a simulated error; there too 31 tells that any is an error. Whichever it is, nothing moves.
 _WORDS = {
     30: "CPU or memory, or of an Axia saturated",
     29: "digital board",
