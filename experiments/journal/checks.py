@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
 from experiments.journal.magnitudes import Trouble, magnitude_troubles
-from services.task.rewards import Potential, end_reward, reward_of_move
+from services.task.rewards import Potential, cost_of_force, end_reward, reward_of_move
 from services.wire.actions import guidance, increments
 from services.wire.definition import Definition, InsertionReward
 from services.wire.felt_noise import contact_force_n
@@ -30,9 +30,11 @@ def reward_trouble(
     """Return what is wrong with the reward of a step of a finished episode, given the definition's reward function."""
     step = steps[index]
     allowed = _rewards(definition, steps, index, summary)
-    if step.reward in allowed:
+    unknown = _unknown_cost(definition, steps, index)
+    if step.reward in allowed or any(most - unknown <= (step.reward or 0.0) <= most for most in allowed):
         return None
-    return Trouble("reward", " or ".join(repr(value) for value in sorted(allowed)), repr(step.reward))
+    expected = " or ".join(repr(value) for value in sorted(allowed))
+    return Trouble("reward", expected + (f", less by at most {unknown:g}" if unknown else ""), repr(step.reward))
 
 
 def step_troubles(definition: Definition, steps: Sequence[JournalStep], index: int) -> Iterator[Trouble]:
@@ -72,17 +74,27 @@ def _rewards(
     """Return what a step may have earned."""
     reward, step = definition.reward, steps[index]
     last = index == len(steps) - 1
-    potential, after = Potential(definition), 0.0 if last else None
-    if after is None:
-        after = potential.of(steps[index + 1].force_n, steps[index + 1].torque_nm)
+    potential, after, cost = Potential(definition), 0.0, 0.0
+    if not last:
+        then = steps[index + 1]
+        after = potential.of(then.force_n, then.torque_nm)
+        if then.step == step.step + 1:
+            cost = cost_of_force(reward, math.hypot(*then.force_n))
     price = potential.price(_led_mm(definition, step), potential.of(step.force_n, step.torque_nm), after)
     earned = _moves_rewards(definition, steps, index, summary)
-    return frozenset((end_reward(reward, summary.outcome, value) if last else value) + price for value in earned)
+    return frozenset((end_reward(reward, summary.outcome, value) if last else value - cost) + price for value in earned)
 
 
 def _led_mm(definition: Definition, step: JournalStep) -> float:
     """Return how far in +Z a decision was to lead."""
     return increments(definition.moves)[step.action or 0].dz_mm
+
+
+def _unknown_cost(definition: Definition, steps: Sequence[JournalStep], index: int) -> float:
+    """Return what a step's force may have cost that the journal does not tell: contact was lost, guidance went on."""
+    if index == len(steps) - 1 or steps[index + 1].step == steps[index].step + 1:
+        return 0.0
+    return cost_of_force(definition.reward, contact_force_n(definition))
 
 
 def _moves_rewards(

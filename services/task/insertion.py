@@ -17,7 +17,7 @@ from services.rules.forces import Forces
 from services.rules.guard import increment_of
 from services.rules.swaps import fresh_at, known_in
 from services.rules.window import Load
-from services.task.rewards import Potential, end_reward, reward_of_move
+from services.task.rewards import Potential, cost_of_force, end_reward, reward_of_move
 from services.wire.actions import Increment, guidance, increments
 from services.wire.definition import Definition
 from services.wire.errors import TreenailError
@@ -172,10 +172,13 @@ class Insertion:
         self._now.deepest_mm = max(self._now.deepest_mm, self._now.depth_mm)
         if self._now.moves:
             self._feel_magnitudes(force, math.hypot(*torque_nm))
+        decided = self._now.acting is not None
         pending = self._settle(force)
         outcome = self._outcome(force)
         if outcome is not None:
             return Felt(self._final_reward(pending, outcome), self._finish(outcome))
+        if decided and pending is not None:
+            pending = pending._replace(reward=pending.reward - cost_of_force(self._definition.reward, force))
         if force < self._contact_n:
             self._now.pending = pending
             step = guidance(self._definition.moves)

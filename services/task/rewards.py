@@ -36,6 +36,11 @@ def end_reward(reward: Reward, outcome: Outcome, otherwise: float) -> float:
     return otherwise + reward.success if outcome == "inserted" else otherwise
 
 
+def cost_of_force(reward: Reward, force_n: float) -> float:
+    """Return what the force [N] that a move leaves costs, to be taken off its reward where the episode goes on."""
+    return reward.force_per_n * force_n if isinstance(reward, InsertionReward) else 0.0
+
+
 class Potential:
     """The price of force of one definition, as a difference of potentials; see ``Shaping``."""
 

@@ -56,6 +56,7 @@ _LATER: Mapping[str, object] = {
     "wrist.sensor_rz_deg": 0.0,
     "moves.list": (),
     "learner.trace": 0.0,
+    "reward.force_per_n": 0.0,
     "policy.repeat": 0.0,
     "policy.repeat_fade": 0.02,
     "felt": msgspec.to_builtins(Felt()),

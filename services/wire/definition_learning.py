@@ -25,6 +25,8 @@ class InsertionReward(Checked, frozen=True, kw_only=True, tag_field="kind", tag=
     """For a move back out (a listed one, z_mm below 0), whatever it did; it is not shaped."""
     success: Finite = 0.0
     """Added for the move that ends the episode inserted."""
+    force_per_n: NotNegative = 0.0
+    """What each newton felt after a move costs where the episode goes on: an aim, where ``shaping`` is a help."""
 
 
 class ForceChangeReward(Checked, frozen=True, kw_only=True, tag_field="kind", tag="force_change"):
@@ -133,7 +135,7 @@ class FeltModel(Checked, frozen=True, kw_only=True, tag_field="kind", tag="felt"
     """Scale of the model's features: about the force at which things change."""
     ridge: Annotated[float, Meta(gt=0, le=1e6)] = 1.0
     """How strongly the model holds that nothing earns anything before it has seen otherwise."""
-    drift: Fraction = 0.003
+    drift: Fraction = 0.0
     """How unsure the model becomes of what it holds with each observation, as a part of how unsure it was at first:
     what is long ago counts less. 0 holds that nothing ever changes."""
     reward_limit: Annotated[float, Meta(gt=0, le=1e6)] = 20.0

@@ -20,7 +20,7 @@ from services.rules.results import RunResult, summary
 from services.rules.swaps import planned
 from services.wire.actions import INSERT
 from services.wire.codec import contract_sha256
-from services.wire.definition import Definition
+from services.wire.definition import Definition, InsertionReward
 from services.wire.definition_file import load
 from services.wire.errors import BadPayloadError, DivergedError, GapError
 from services.wire.keys import Keys
@@ -174,6 +174,28 @@ def test_reward_that_the_definition_does_not_give_is_found_at_each_step(
                     assert found is not None and found.got == repr(value)
                     asked += 1
     assert asked > 100
+
+
+def test_a_price_of_force_is_held_against_the_force_after_the_move_as_far_as_the_journal_tells_it(
+    record_run: Callable[..., Any],
+) -> None:
+    settings = load("suite-round", (*SHORT, "shaping.price_per_n=0.0"))
+    contact_n = settings.limits.contact_force_n
+    assert isinstance(settings.reward, InsertionReward)
+    price = settings.reward.force_per_n
+    assert price > 0.0
+    seen = set()
+    for entry in record_run(settings, SEED, EPISODES).journal:
+        for index, step in enumerate(entry.steps[:-1]):
+            at_once = entry.steps[index + 1].step == step.step + 1
+            seen.add(at_once)
+            most = 0.0 if step.action == INSERT else -1.0
+            least = most - price * contact_n
+            assert reward_trouble(settings, entry.steps, index, entry.summary) is None
+            for value, fits in ((most + 0.01, False), (least - 0.01, at_once and step.reward == least - 0.01)):
+                steps = changed([entry], 0, index, reward=value)[0].steps
+                assert (reward_trouble(settings, steps, index, entry.summary) is None) == fits
+    assert seen == {True, False}
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,34 @@ def test_a_reward_waits_while_the_peg_is_guided(bench: Make) -> None:
     assert (felt.then.step, felt.then.decision) == (5, 1)
 
 
+GENTLE = InsertionReward(force_per_n=4.0)
+
+
+def test_the_force_that_a_move_leaves_costs(bench: Make) -> None:
+    at = bench(reward=GENTLE)
+    at.home()
+    at.feel(1.0)
+    assert at.touch(0, 2.0).reward.reward == -1.0 - 4.0 * 2.0
+    assert at.touch(INSERT, 1.5).reward.reward == 0.0 - 4.0 * 1.5
+
+
+def test_where_contact_is_lost_it_is_the_little_that_is_left_and_not_what_is_touched_next(bench: Make) -> None:
+    at = bench(reward=GENTLE)
+    at.home()
+    at.feel(1.0)
+    assert at.touch(0, 0.25).reward is None
+    assert at.feel(0.125).reward is None
+    assert at.feel(3.0).reward.reward == -1.0 - 4.0 * 0.25
+
+
+def test_where_the_episode_ends_force_costs_nothing_beside_the_end(bench: Make) -> None:
+    at = bench(reward=GENTLE)
+    at.home()
+    at.feel(1.0)
+    felt = at.touch(0, 9.0)
+    assert (felt.reward.terminal, felt.reward.reward) == ("collision", -100.0)
+
+
 def test_a_collision_in_a_guided_move_is_the_last_decisions(bench: Make) -> None:
     at = bench()
     at.home()
