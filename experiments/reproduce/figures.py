@@ -84,11 +84,10 @@ def moving_average(values: NDArray[np.float64], window: int) -> NDArray[np.float
 
 
 def legend(places: Sequence[Axes]) -> None:
-    """Name the lines of axes that share their colours, in the last of them that has some."""
-    for axes in reversed(places):
-        if axes.lines:
-            axes.legend(loc="lower right")
-            return
+    """Name the lines of axes that share their colours, once: where most of them are, of equals in the last."""
+    fullest = max(reversed(places), key=lambda axes: len(axes.lines))
+    if fullest.lines:
+        fullest.legend(loc="lower right")
 
 
 def band(axes: Axes, x: Sequence[float], values: NDArray[np.float64], colour: str, label: str) -> None:
