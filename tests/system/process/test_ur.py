@@ -14,7 +14,7 @@ from services.cell.hil import FULL_SCALES
 
 pytest.importorskip("rtde_control", reason="pip install '.[robot_ur]'")
 
-LONG = 10
+LONG = 6
 """Episodes of a run in which every process is killed in turn."""
 SUITE = "suite-round"
 """From random starts, by the felt learner."""
