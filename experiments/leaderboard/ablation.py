@@ -5,13 +5,16 @@ from __future__ import annotations
 from experiments.evaluate.controllers import RULES
 from experiments.leaderboard.methods import METHODS, TABLE, TREENAIL, Method
 
-TASKS = ("suite-round", "suite-square", "suite-noisy", "suite-stiff-wrist", "suite-chamferless")
+TASKS = ("suite-round", "suite-square", "suite-noisy", "suite-stiff-wrist", "suite-round-fine")
 """Where they are left out, unless the command line says otherwise."""
 _, Q_LEARNING, SOFTMAX = TABLE
+NO_PRICE = "reward.force_per_n=0.0"
 PARTS = (
     Method("torque as read", "torques refer to the sensor, not to where the definition says", "learn", plain=("felt",)),
     Method("torque at the tip", "torques refer to the tip", "learn", ('felt={torque="tip"}',)),
-    Method("no price of force", "rewards of the moves alone", "learn", plain=("shaping",)),
+    Method("no help", "no potential is added to the rewards", "learn", plain=("shaping",)),
+    Method("force no aim", "force costs nothing, the potential is a help all the same", "learn", (NO_PRICE,)),
+    Method("nothing of force", "rewards of the moves alone", "learn", (NO_PRICE,), ("shaping",)),
     Method(
         "no model",
         "nothing but a table over contact states, with softmax",
@@ -29,6 +32,7 @@ PARTS = (
         "learn",
         ("policy.width_fade=0.0",),
     ),
+    Method("forgetting", "what is long ago counts less", "learn", ("learner.drift=0.003",)),
     Method("coarse classes", "ART2's vigilance 0.8", "learn", ("classifier.rho=0.8",)),
 )
 """What is left out. A part that a task's learner does not have is named on the page as one that cannot be left out."""

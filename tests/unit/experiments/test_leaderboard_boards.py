@@ -116,7 +116,13 @@ def test_every_part_of_the_felt_learner_can_be_left_out(task: str) -> None:
     made = {method.name: changed(whole, method) for method in ablation.PARTS}
     assert whole not in made.values()
     assert len(set(map(definition_sha256, made.values()))) == len(ablation.PARTS)
-    assert made["no price of force"].shaping.price_per_n == 0.0
+    assert made["no help"].shaping.price_per_n == 0.0
+    assert made["force no aim"].shaping == whole.shaping
+    assert made["nothing of force"].shaping.price_per_n == 0.0
+    assert [name for name, one in made.items() if getattr(one.reward, "force_per_n", 0.0) == 0.0] == [
+        "force no aim",
+        "nothing of force",
+    ]
     assert made["torque as read"].felt.torque == "as_read"
     assert isinstance(made["no model"].learner, QLearning)
     assert made["no model"].shaping.price_per_n == whole.shaping.price_per_n > 0.0
