@@ -58,6 +58,8 @@ PARTS = (
 FIGURES = (
     Figure("moves in free air", "1/s", "sim", ("free_moves_per_s",)),
     Figure("moves in contact", "1/s", "sim", ("contact_moves_per_s",)),
+    Figure("moves in contact: a bare SAPIEN loop", "1/s", "sim", ("bare_sapien_moves_per_s",)),
+    Figure("moves in contact: a bare MuJoCo loop", "1/s", "sim", ("bare_mujoco_moves_per_s",)),
     Figure("motions of whole episodes", "1/s", "sim", ("episode_motions_per_s",)),
     Figure("ART2: classify and learn, 6 inputs, 20 classes", "1/s", "art2", ("cases", 0, "classifications_per_s")),
     Figure("ART2: the same, 12 inputs", "1/s", "art2", ("cases", 1, "classifications_per_s")),

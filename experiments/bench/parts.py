@@ -9,7 +9,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from experiments.bench import bare_physics
+from experiments.bench import bare_mujoco, bare_physics
 from experiments.bench.pattern import timed
 from experiments.bench.values import Value, spread
 from services.agent.learning import Learner
@@ -34,10 +34,15 @@ _RUN = "bench"
 
 
 def sim(definition: Definition, seed: int, moves: int, episodes: int, rounds: int) -> dict[str, Value]:
-    """Measure lateral moves in free air and in contact, and the motions of whole episodes."""
-    free, contact, whole, bare = [], [], [], []
+    """Measure lateral moves in free air and in contact, two bare loops beside them, and whole episodes."""
+    free, contact, whole, bare, other = [], [], [], [], list[float]()
+    absent = ""
     for _ in range(rounds):
         bare.append(bare_physics.moves_per_s(definition, moves))
+        try:
+            other.append(bare_mujoco.moves_per_s(definition, moves))
+        except ImportError as error:
+            absent = f"not measured: {error}; pip install mujoco"
         free.append(moves / _sweep(definition, seed, moves, in_contact=False))
         contact.append(moves / _sweep(definition, seed, moves, in_contact=True))
         run = timed(definition, seed, episodes)
@@ -51,6 +56,7 @@ def sim(definition: Definition, seed: int, moves: int, episodes: int, rounds: in
         "free_moves_per_s": spread(free),
         "contact_moves_per_s": spread(contact),
         "bare_sapien_moves_per_s": spread(bare),
+        "bare_mujoco_moves_per_s": spread(other) if other else absent,
         "episode_motions_per_s": spread(whole),
     }
 
