@@ -1,5 +1,5 @@
 # One image a service: docker build --build-arg SERVICE=agent -t treenail/agent .
-# SERVICE is router, store, task, classifier, agent, sim, viewer, sensor_jr3, sensor_rdt, robot_link or robot_ur; cli is the
+# SERVICE is router, store, task, classifier, agent, sim, viewer, sensor_jr3, sensor_rdt, robot_link, robot_ur or ros2; cli is the
 # treenail command with all that it can ask. docker build --target front -t treenail/front . is what stands in front of the viewer.
 
 # Rerun's server takes pictures from whoever reaches it; this one passes on what reads, and nothing else.

@@ -27,7 +27,7 @@ if not sys.flags.safe_path and Path(sys.path[0]).resolve() not in Path(__file__)
     del sys.path[0]
 
 from services.rules import command_line
-from services.rules.command_line import Parser, RawHelp, did_you_mean, module_command
+from services.rules.command_line import Parser, RawHelp, did_you_mean, module_command, service_module
 
 SERVICES = {
     "router": "Zenoh's router",
@@ -41,6 +41,7 @@ SERVICES = {
     "agent": "contact states to moves (Q-learning, SARSA)",
     "store": "checkpoints and journal; store check FILE, store salvage FILE OUT: a damaged file",
     "viewer": "live view in Rerun",
+    "ros2_out": "what a cell feels and does, as topics of ROS 2",
 }
 
 COMMANDS = {
@@ -96,7 +97,7 @@ def main() -> None:
     name, words = (sys.argv[1], sys.argv[2:]) if len(sys.argv) > 1 else ("", [])
     a_file = name == "store" and words[:1] in (["check"], ["salvage"])
     if name in SERVICES and not a_file:
-        os.execv(sys.executable, module_command(f"services.{name}", *words))
+        os.execv(sys.executable, module_command(service_module(name), *words))
     program = f"treenail {name}" if a_file or name in (*COMMANDS, *STUDIES, *TOOLS) else "treenail"
     sys.exit(command_line.run(program, lambda: _act(name, words)))
 

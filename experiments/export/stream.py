@@ -9,16 +9,15 @@ from __future__ import annotations
 import os
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 from mcap.writer import Writer
-from rosbags.typesys import Stores, get_typestore
 
 from experiments.export.aside import ExportError
+from services.ros2.messages import WRENCH, Messages, Wrench
 from services.wire.messages import FtPacket
 
 TOPIC = "/treenail/ft"
-KIND = "geometry_msgs/msg/WrenchStamped"
 FRAME = "tool"
 
 
@@ -28,8 +27,7 @@ class Pieces:
     def __init__(self, folder: Path, piece_bytes: int, most_bytes: int) -> None:
         """Begin after the pieces that are there. Raises ExportError when the folder cannot be written to."""
         self._folder, self._piece_bytes, self._most_bytes = folder, piece_bytes, most_bytes
-        self._types = get_typestore(Stores.ROS2_JAZZY)
-        self._schema: str = self._types.generate_msgdef(KIND, ros_version=2)[0]
+        self._messages = Messages()
         self._file: IO[bytes] | None = None
         self._last: int | None = None
         self.samples = 0
@@ -58,7 +56,7 @@ class Pieces:
                 back = count - 1 - place
                 t_ns = max(0, packet.t_ns - back * packet.period_ns)
                 sequence = (packet.sequence - back) % 2**32
-                data = self._encoded(t_ns, force_n, torque_nm)
+                data = self._messages.wrench(Wrench(t_ns, FRAME, force_n, torque_nm))
                 writer.add_message(self._channel, log_time=t_ns, publish_time=t_ns, sequence=sequence, data=data)
                 self.samples += 1
             if file.tell() >= self._piece_bytes:
@@ -87,7 +85,8 @@ class Pieces:
             self._file = self._aside().open("wb")
             self._writer = Writer(self._file, chunk_size=1 << 18)
             self._writer.start(profile="ros2", library="treenail")
-            schema = self._writer.register_schema(KIND, "ros2msg", self._schema.encode())
+            definition = self._messages.definition(WRENCH)
+            schema = self._writer.register_schema(WRENCH, "ros2msg", definition.encode())
             self._channel = self._writer.register_channel(TOPIC, "cdr", schema)
         return self._writer, self._file
 
@@ -100,11 +99,3 @@ class Pieces:
 
     def _aside(self) -> Path:
         return self._folder / f".ft-{self._number:06d}.{os.getpid()}"
-
-    def _encoded(self, t_ns: int, force_n: tuple[float, ...], torque_nm: tuple[float, ...]) -> Any:
-        types = self._types.types
-        vector = types["geometry_msgs/msg/Vector3"]
-        stamp = types["builtin_interfaces/msg/Time"](sec=(t_ns // 10**9) % 2**31, nanosec=t_ns % 10**9)
-        header = types["std_msgs/msg/Header"](stamp=stamp, frame_id=FRAME)
-        wrench = types["geometry_msgs/msg/Wrench"](force=vector(*force_n), torque=vector(*torque_nm))
-        return bytes(self._types.serialize_cdr(types[KIND](header=header, wrench=wrench), KIND))

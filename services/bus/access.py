@@ -21,6 +21,9 @@ ACCESS: dict[str, Access] = {**{key: row.access for key, row in CONTRACT.items()
 FOR_ALL, FOR_THE_CELL = "@treenail/rights/all", "@treenail/rights/cell"
 """What the router itself answers: the first to everybody, the second to who may do everything. No cell's keys."""
 
+ROS_THERE = "@ros2_lv"
+"""Under which ROS 2 says who is there. As in all keys that begin so, no wildcard leads to it."""
+
 _IN, _OUT = "ingress", "egress"
 _MESSAGES = (
     "put",
@@ -55,24 +58,34 @@ def by_certificate() -> dict[str, object]:
     return _control({name: {"cert_common_names": [name]} for name in CLIENTS})
 
 
-def by_door(trusted: Sequence[str] = ()) -> dict[str, object]:
+def by_door(trusted: Sequence[str] = (), ros2: Sequence[int] = ()) -> dict[str, object]:
     """Return Zenoh's configuration for ACCESS without certificates.
 
     Who comes in by a Unix socket, which its folder guards, or by one of the ``trusted`` network interfaces is of the
-    cell and may do everything; whoever else comes is a guest.
+    cell and may do everything; whoever else comes is a guest. In the domains ``ros2``, whoever comes may do all that
+    a process of ROS 2 does: those have no other rights, and ROS asks nobody who he is.
     """
     control = _control({GUEST: {}})
-    everything = {"flows": [_IN, _OUT], "messages": list(_MESSAGES), "key_exprs": ["**", FOR_ALL, FOR_THE_CELL]}
+    everything = {
+        "flows": [_IN, _OUT],
+        "messages": list(_MESSAGES),
+        "key_exprs": ["**", FOR_ALL, FOR_THE_CELL, f"{ROS_THERE}/**"],
+    }
     rule = {"id": "everything", "permission": "allow", **everything}
     doors: list[dict[str, object]] = [{"id": "own socket", "link_protocols": ["unixsock-stream"]}]
     if trusted:
         doors.append({"id": "trusted", "interfaces": list(trusted)})
-    policy = {"rules": ["everything"], "subjects": [door["id"] for door in doors]}
+    policies = [{"rules": ["everything"], "subjects": [door["id"] for door in doors]}]
+    rules = [rule]
+    if ros2:
+        keys = [key for domain in ros2 for key in (f"{domain}/**", f"{domain}/**/@adv/**", f"{ROS_THERE}/{domain}/**")]
+        rules.append({"id": "ros2", "permission": "allow", **everything, "key_exprs": keys})
+        policies.append({"rules": ["ros2"], "subjects": [GUEST]})
     return {
         **control,
-        "rules": [*control["rules"], rule],
+        "rules": [*control["rules"], *rules],
         "subjects": [*control["subjects"], *doors],
-        "policies": [*control["policies"], policy],
+        "policies": [*control["policies"], *policies],
     }
 
 

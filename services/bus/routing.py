@@ -31,12 +31,15 @@ _SILENT_MS = 1000
 _AT_A_TIME = 1000
 
 
-def open_router(endpoints: Sequence[str], certs: Path | None = None, trusted: Sequence[str] = ()) -> zenoh.Session:
+def open_router(
+    endpoints: Sequence[str], certs: Path | None = None, trusted: Sequence[str] = (), ros2: Sequence[int] = ()
+) -> zenoh.Session:
     """Return a session that is Zenoh's own router, listening on ``endpoints``.
 
     With ``certs``, the folder with the router's certificate, only clients with a certificate of the same authority can
     connect, and each may do what services.bus.access says. Without, who comes in by a Unix socket or by one of the
-    ``trusted`` network interfaces may do all, everybody else what a guest may. Raises CellError when it cannot.
+    ``trusted`` network interfaces may do all, everybody else what a guest may, and in the domains ``ros2``
+    all that ROS 2 does. Raises CellError when it cannot.
     """
     check_endpoints(endpoints, certs)
     runtime.use(runtime.ROUTER)
@@ -46,7 +49,7 @@ def open_router(endpoints: Sequence[str], certs: Path | None = None, trusted: Se
         "connect": {"endpoints": []},
         "adminspace": {"enabled": True},
         "qos": {"network": [_LOST_TO_THE_SLOW]},
-        "access_control": by_door(trusted) if certs is None else by_certificate(),
+        "access_control": by_door(trusted, ros2) if certs is None else by_certificate(),
     }
     tls = None if certs is None else identity(certs, ROUTER).zenoh(listen=True)
     unicast = {"accept_timeout": _SILENT_MS, "accept_pending": _AT_A_TIME, "max_sessions": _AT_A_TIME}

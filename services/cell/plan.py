@@ -12,6 +12,7 @@ from services.bus.access import ROUTER
 from services.bus.tls import identity
 from services.cell import hil, ur
 from services.cell.hil import Hil
+from services.cell.ros2 import OUT, Graph
 from services.cell.ur import Ur
 from services.rules import plugins
 from services.rules import skill as skill_file
@@ -91,6 +92,8 @@ class Plan:
     hardware: Hil | Ur | None
     """Robot and sensor, emulated or real; None for the simulator in their place."""
     viewer: Viewer | None
+    ros2: Graph | None
+    """Where ROS 2 sees the cell; None for nowhere."""
     fresh: bool
     """Whether what the run directory knows of earlier runs is forgotten."""
 
@@ -124,6 +127,7 @@ def make_plan(
     certs: Path | None = None,
     hardware: Hil | Ur | None = None,
     viewer: Viewer | None = None,
+    ros2: Graph | None = None,
     fresh: bool = False,
 ) -> Plan:
     """Return a plan, checked. Raises TreenailError, which names the option of ``treenail up``.
@@ -144,8 +148,13 @@ def make_plan(
     if certs is not None:
         if hardware is not None and hardware.emulated:
             raise CellError("--certs: expected none with emulated hardware, which has no certificates")
+        if ros2 is not None and ros2.router is None:
+            raise CellError(
+                "--ros2: expected --ros ENDPOINT, ROS's own router, with --certs: the cell's carries nothing of ROS 2"
+            )
         arm = ("sim",) if hardware is None else hardware.services
-        for name in (ROUTER, *WORKERS_AND_TASK, *arm, *(() if viewer is None else ("viewer",)), OPERATOR):
+        watching = (*(() if viewer is None else ("viewer",)), *(() if ros2 is None else (OUT,)))
+        for name in (ROUTER, *WORKERS_AND_TASK, *arm, *watching, OPERATOR):
             identity(certs / name, name)
     named_skill = None if skill is None else skill_file.read(skill)
     if named_skill is not None:
@@ -169,6 +178,7 @@ def make_plan(
         certs=certs,
         hardware=hardware,
         viewer=viewer,
+        ros2=ros2,
         fresh=fresh,
     )
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from services.cell import hil, ur
 from services.cell.plan import Plan
+from services.cell.ros2 import OUT
 from services.cell.ur import Ur
 
 Commands = dict[str, tuple[str, ...]]
@@ -26,7 +27,7 @@ def commands(plan: Plan, endpoints: Mapping[str, str] | None = None) -> Commands
     swaps = [word for item in plan.swaps for word in ("--swap", item)]
     length = ("--seed", str(plan.seed), "--episodes", str(plan.episodes))
     services: Commands = {
-        "router": ("--listen", plan.endpoint),
+        "router": ("--listen", plan.endpoint, *(() if plan.ros2 is None else plan.ros2.of_router)),
         "store": (*where("store"), "--file", str(plan.out / "store.sqlite")),
         "task": (*where("task"), "--experiment", str(plan.experiment), *overrides, *length, *swaps),
         "classifier": where("classifier"),
@@ -41,4 +42,6 @@ def commands(plan: Plan, endpoints: Mapping[str, str] | None = None) -> Commands
         services |= hil.commands(hardware, plan.cell, plan.endpoint, plan.definition.sensor)
     if plan.viewer is not None:
         services["viewer"] = (*where("viewer"), *plan.viewer.options)
+    if plan.ros2 is not None:
+        services[OUT] = (*where(OUT), *plan.ros2.options)
     return services

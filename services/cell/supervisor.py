@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import IO
 
 from services.bus.command import CERTS, DIE_WITH_PARENT, EXIT_OUSTED
-from services.rules.command_line import EXIT_ERROR, module_command
+from services.rules.command_line import EXIT_ERROR, module_command, service_module
 from services.wire.errors import TreenailError
 
 FIRST_DELAY_S = 0.1
@@ -63,9 +63,9 @@ class Supervisor:
     children: dict[str, Child] = field(default_factory=dict)
 
     def start(self, name: str, *arguments: str) -> None:
-        """Start ``python -m services.<name>`` with arguments; its output goes to ``<name>.log``."""
+        """Start a service's program with arguments; its output goes to ``<name>.log``."""
         certs = () if self.certs is None else ("--certs", str(self.certs / name))
-        self.run(name, module_command(f"services.{name}", *arguments, *certs))
+        self.run(name, module_command(service_module(name), *arguments, *certs))
 
     def run(self, name: str, command: Sequence[str]) -> None:
         """Start any command as a service of that name."""

@@ -13,11 +13,11 @@ import msgspec
 
 from services.robot_ur.errors import LostError
 from services.robot_ur.hands import LARGEST, Answer, Call, Gone, Hello, Refused, Said, Seen
-from services.robot_ur.poses import Pose
 from services.robot_ur.settings import Settings
 from services.robot_ur.states import State
 from services.rules.command_line import module_command
 from services.rules.motions import ArmError
+from services.rules.poses import Pose
 
 CONNECT_S = 15.0
 """How long a connection may take."""

@@ -14,9 +14,10 @@ from typing import Any, Protocol
 
 from services.robot_ur.errors import LostError, StateError
 from services.robot_ur.packets import Packets
-from services.robot_ur.poses import Pose, from_ur
+from services.robot_ur.poses import from_ur, to_ur
 from services.robot_ur.states import State
 from services.rules.motions import ArmError
+from services.rules.poses import Pose
 from services.wire.text import one_line
 
 OUTPUTS = (
@@ -153,7 +154,7 @@ class RtdeClient:
     def move(self, goal: Pose, speed_mm_s: float, acceleration_mm_s2: float) -> None:
         """See Client."""
         speed, acceleration = speed_mm_s / 1000.0, acceleration_mm_s2 / 1000.0
-        self._done("moveL", self._said(lambda: self._control.moveL(goal.to_ur(), speed, acceleration, True)))
+        self._done("moveL", self._said(lambda: self._control.moveL(to_ur(goal), speed, acceleration, True)))
 
     def stop(self) -> None:
         """See Client."""

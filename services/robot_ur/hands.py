@@ -19,9 +19,9 @@ import msgspec
 from msgspec import Struct
 
 from services.robot_ur.client import RtdeClient
-from services.robot_ur.poses import Pose
 from services.robot_ur.states import State
 from services.rules.motions import ArmError
+from services.rules.poses import Pose
 
 LARGEST = 1 << 16
 _LOOKS = 3

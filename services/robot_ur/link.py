@@ -20,11 +20,11 @@ from services.robot_ur.calls import CALL_S, Calls, Outcome, ignore, in_time
 from services.robot_ur.client import Client
 from services.robot_ur.errors import ArrivalError, LostError, StateError
 from services.robot_ur.motion import Arm, Go, Look, Result, Script, Step, Tell, Tool, Zero, shown
-from services.robot_ur.poses import apart
 from services.robot_ur.settings import Settings
 from services.robot_ur.states import PLAYING, RobotMode, SafetyMode, State, hurt, trouble
 from services.robot_ur.wrist import ControllerClock
 from services.rules.motions import ArmError, BusyError
+from services.rules.poses import apart
 from services.wire.actions import Increment
 
 SILENT_S = 0.25

@@ -12,9 +12,10 @@ from collections.abc import Generator, Sequence
 from typing import NamedTuple, TypeAlias
 
 from services.robot_ur.errors import PayloadError, StateError
-from services.robot_ur.poses import Pose, apart, from_rotation_vector, from_ur
+from services.robot_ur.poses import from_ur, to_ur
 from services.robot_ur.settings import Settings
 from services.robot_ur.states import State
+from services.rules.poses import Pose, apart, from_rotation_vector
 from services.wire.actions import Increment
 from services.wire.messages import Home
 
@@ -165,7 +166,7 @@ def _check_air(most_n: float, state: State) -> None:
 
 
 def _shown(pose: Pose) -> str:
-    x, y, z, rx, ry, rz = pose.to_ur()
+    x, y, z, rx, ry, rz = to_ur(pose)
     return f"{1000 * x:.2f},{1000 * y:.2f},{1000 * z:.2f},{rx:.4f},{ry:.4f},{rz:.4f}"
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import NamedTuple
 
-from services.robot_ur.poses import Pose
+from services.rules.poses import Pose
 
 
 class RobotMode(Enum):

@@ -8,7 +8,8 @@ from services.bus.interfaces import interface_of
 from services.bus.routing import open_router
 from services.bus.session import DEFAULT_ENDPOINT, DEFAULT_SECURE_ENDPOINT
 from services.bus.stop_flag import StopFlag
-from services.rules.command_line import Parser
+from services.rules.command_line import Parser, whole
+from services.wire.errors import CellError
 
 
 def main() -> None:
@@ -29,16 +30,27 @@ def main() -> None:
         help="network interface, by name or address, by which only the cell's own come in; may be repeated. "
         "Without certificates, who comes in by others may read and ask, no more (default: none)",
     )
+    parser.add_argument(
+        "--ros2",
+        action="append",
+        default=[],
+        type=whole(0, 232),
+        metavar="DOMAIN",
+        help="let processes of ROS 2 (rmw_zenoh) in that domain publish and hear here, whoever they are; "
+        "may be repeated",
+    )
     command.add_certs(parser)
     arguments = parser.parse_args()
     stop = StopFlag()
     secured = arguments.certs is not None
+    if secured and arguments.ros2:
+        raise CellError("--ros2: expected none with --certs: ROS 2 has no certificates of ours, give it its own router")
     listen = arguments.listen or [DEFAULT_SECURE_ENDPOINT if secured else DEFAULT_ENDPOINT]
     # First of all, so that whoever finds the port open finds this open too.
     doors = () if secured else (own_socket.listening(endpoint) for endpoint in listen)
     own = list(dict.fromkeys(door for door in doors if door is not None))
     trusted = [interface_of(name) for name in arguments.trust]
-    session = open_router([*own, *listen], arguments.certs, trusted)
+    session = open_router([*own, *listen], arguments.certs, trusted, arguments.ros2)
     print(f"router: listening on {', '.join(listen)} {_rights(secured, bool(own), trusted)}".rstrip(), flush=True)
     while not stop.wait(0.5):
         touch_heartbeat()

@@ -40,13 +40,14 @@ EXTRAS = {
     "numba": "classifier",
     "pyarrow": "export",
     "rerun": "viewer",
-    "rosbags": "export",
+    "rosbags": "ros2",
     "rtde_control": "robot_ur",
     "rtde_io": "robot_ur",
     "rtde_receive": "robot_ur",
     "sapien": "sim",
     "serial": "robot_link",
     "tornado": "viewer",
+    "xxhash": "ros2",
 }
 """Modules of other packages, and the extra in pyproject.toml that installs each."""
 
@@ -54,6 +55,8 @@ _SAFE_PATH = "PYTHONSAFEPATH"
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """What writing says when nothing more goes on the disk, or to the terminal."""
 _MANY = 10**9
+_ROOMS = {"ros2_out": "ros2.out", "ros2_robot": "ros2.robot", "ros2_sensor": "ros2.sensor"}
+"""Services that are not alone in their folder."""
 
 
 class Help(argparse.HelpFormatter):
@@ -229,6 +232,11 @@ def give_up(stream: IO[str]) -> None:
 def python(*words: str) -> list[str]:
     """Return a command line of this Python; with ``-P`` no file in the current folder is taken for a module."""
     return [sys.executable, "-P", *words]
+
+
+def service_module(name: str) -> str:
+    """Return the module that is a service's program."""
+    return f"services.{_ROOMS.get(name, name)}"
 
 
 def module_command(module: str, *words: str) -> list[str]:

@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from services.rules.forces import Forces
 from services.rules.guard import increment_of
+from services.rules.start_pose import start_pose
 from services.rules.swaps import fresh_at, known_in
 from services.rules.window import Load
 from services.task.rewards import Potential, cost_of_force, end_reward, reward_of_move
@@ -39,7 +40,6 @@ from services.wire.messages import (
     Torque,
     Zero,
 )
-from services.wire.randomness import Role, generator
 
 _SAME_MM = 1e-9
 """Depths that differ by less are one depth: they are sums of many steps."""
@@ -117,24 +117,7 @@ class Insertion:
         if fresh_at(swaps, episode, "classifier"):
             self._known_states = 0
         self._now = self._blank(episode, first_decision, known_in(swaps, episode))
-        start = self._definition.start
-        low, high = -1.0, 1.0
-        drawn = generator(self._seed, Role.START_POSE, episode, 0).uniform(low, high, size=5).tolist()
-        middle = (start.x_mm, start.y_mm, start.rx_deg, start.ry_deg, start.rz_deg)
-        pose = [at + half * part for at, half, part in zip(middle, start.spreads, drawn, strict=True)]
-        if start.decimals:
-            pose = [round(value, start.decimals) + 0.0 for value in pose]  # no negative zero
-        x_mm, y_mm, rx_deg, ry_deg, rz_deg = pose
-        home = Home(
-            run=self._run,
-            episode=episode,
-            x_mm=x_mm,
-            y_mm=y_mm,
-            z_mm=-start.height_mm,
-            rx_deg=rx_deg,
-            ry_deg=ry_deg,
-            rz_deg=rz_deg,
-        )
+        home = start_pose(self._definition, self._run, self._seed, episode)
         self._forces.home(home)
         return home
 

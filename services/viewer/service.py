@@ -3,37 +3,29 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Generic, TypeVar
 
-import zenoh
-from zenoh.handlers import FifoChannel, RingChannel
-
+from services.bus.onlooker import Inlet, Question
 from services.bus.service import Options, Service
 from services.rules.settings import setting
 from services.viewer import record
 from services.viewer.address import bracketed
 from services.viewer.stream import Stream
 from services.viewer.web import WebServer
-from services.wire.codec import decode
-from services.wire.errors import BadPayloadError, TreenailError
+from services.wire.errors import BadPayloadError
 from services.wire.keys import ACTION, EPISODE, EXPERIMENT, FT, Q_TABLE, REWARD, STATE, TRUTH
 from services.wire.messages import (
     Action,
     EpisodeSummary,
     Experiment,
     FtPacket,
-    Message,
     QTable,
     Reward,
     State,
     Truth,
 )
-
-M = TypeVar("M", bound=Message)
 
 LOOPBACK = "127.0.0.1"
 EVERYWHERE = {"0.0.0.0": LOOPBACK, "::": "::1"}
@@ -41,10 +33,6 @@ EVERYWHERE = {"0.0.0.0": LOOPBACK, "::": "::1"}
 SEND_EVERY_S = 0.5
 """A browser takes in so many pieces a second, whatever is in them: who attaches late must not fall behind for long."""
 ASK_EVERY_S = 2.0
-RING = 4096
-"""Messages of one key that may wait; when more come, the oldest are gone. Seconds of a cell at full speed."""
-_REPLIES = 16
-"""Room for answers to one question; there is one."""
 
 
 @dataclass(frozen=True)
@@ -91,60 +79,6 @@ def invitation(start: str, bind: str, port: int, end: str = "") -> str:
     if bind not in EVERYWHERE:
         return f"{start}://{bracketed(bind)}:{port}{end}"
     return f"{start}://{LOOPBACK}:{port}{end} (elsewhere with this machine's address for {LOOPBACK})"
-
-
-class Inlet(Generic[M]):
-    """A subscription whose network side never enters Python and never waits: a ring, newest wins."""
-
-    def __init__(self, service: Service, name: str, kind: type[M], take: Callable[[M], None]) -> None:
-        self._service = service
-        self._kind = kind
-        self._take = take
-        self._subscriber = service.session.declare_subscriber(service.keys.of(name), RingChannel(RING))
-
-    def drain(self) -> None:
-        """Take what has come, at most one ring full; refuse and count what does not fit the contract."""
-        for _ in range(RING):
-            sample = self._subscriber.try_recv()
-            if sample is None:
-                return
-            self._service.handled += 1
-            try:
-                self._take(decode(self._kind, sample.payload.to_bytes(), str(sample.encoding)))
-            except TreenailError as error:
-                self._service.refuse(error)
-
-
-class Question(Generic[M]):
-    """A query that is asked now and then, and whose answer is looked for without waiting."""
-
-    def __init__(self, service: Service, name: str, kind: type[M]) -> None:
-        self._service = service
-        self._key = service.keys.of(name)
-        self._kind = kind
-        self._replies: zenoh.handlers.Handler[zenoh.Reply] | None = None
-
-    def ask(self) -> None:
-        """Ask, unless an answer is still awaited."""
-        if self._replies is None:
-            self._replies = self._service.session.get(self._key, FifoChannel(_REPLIES), timeout=ASK_EVERY_S)
-
-    def answer(self) -> M | None:
-        """Return the answer when it has come; refuse and count one that does not fit the contract."""
-        if self._replies is None:
-            return None
-        try:
-            reply = self._replies.try_recv()
-        except zenoh.ZError:  # closed: nobody answered, or nobody else will
-            self._replies = None
-            return None
-        if reply is None or reply.ok is None:
-            return None
-        try:
-            return decode(self._kind, reply.ok.payload.to_bytes(), str(reply.ok.encoding))
-        except TreenailError as error:
-            self._service.refuse(error)
-            return None
 
 
 class ViewerShell:

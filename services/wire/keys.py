@@ -87,11 +87,12 @@ SERVICES = (
     "agent",
     "store",
     "viewer",
+    "ros2_out",
 )
 OPERATOR, GUEST = "operator", "guest"
 CLIENTS = (*SERVICES, OPERATOR, GUEST)
 """Everybody but the router, by the name in a certificate."""
-READERS = ("viewer", OPERATOR, GUEST)
+READERS = ("viewer", "ros2_out", OPERATOR, GUEST)
 WORKERS = ("classifier", "agent")
 ROBOTS = ("sim", "robot_link", "robot_ur")
 """Who answers motions."""

@@ -12,7 +12,7 @@ from typing import Any, NoReturn
 
 import pytest
 
-from services.rules.command_line import Parser
+from services.rules.command_line import Parser, service_module
 from treenail import __main__ as command
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -51,10 +51,16 @@ def caught(monkeypatch: pytest.MonkeyPatch, program: Callable[[], object]) -> tu
     return parser, file
 
 
+def program_of(name: str) -> str:
+    """Return the module with the main function of a service."""
+    module = service_module(name)
+    return module if module.count(".") > 1 else f"{module}.__main__"
+
+
 def programs() -> Iterator[tuple[str, Callable[[], object]]]:
     for name in (*command.COMMANDS, *command.STUDIES, *command.TOOLS, "store"):
         yield name, partial(command._act, name, [])
-    for module in (*(f"services.{name}.__main__" for name in command.SERVICES), *OTHERS):
+    for module in (*(program_of(name) for name in command.SERVICES), *OTHERS):
         yield module, partial(lambda name: importlib.import_module(name).main(), module)
 
 

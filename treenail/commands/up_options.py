@@ -8,8 +8,11 @@ from pathlib import Path
 from services.cell import hil
 from services.cell.hil import LINKS, Hil, emulated
 from services.cell.plan import Plan, make_plan, viewer_at
+from services.cell.ros2 import Graph
 from services.cell.ur import EMULATED, Ur, arm
 from services.robot_ur import settings as robot_ur
+from services.ros2.distributions import DISTRIBUTIONS, MOST_DOMAIN
+from services.ros2.distributions import USUAL as ROS_USUAL
 from services.rules.command_line import Parser, whole
 from services.rules.swaps import SPEC, SPEC_HELP
 from services.sensor_rdt.settings import Settings as BoxSettings
@@ -73,6 +76,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-viewer", action="store_true", help="run without the viewer service")
     parser.add_argument("--save", type=Path, metavar="FILE.rrd", help="let the viewer service record as well")
     parser.add_argument(
+        "--ros2",
+        nargs="?",
+        const=0,
+        type=whole(0, MOST_DOMAIN),
+        metavar="DOMAIN",
+        help="publish to ROS 2 (rmw_zenoh) what the cell feels and does, in that domain (without a number: 0)",
+    )
+    parser.add_argument("--ros", metavar="ENDPOINT", help="of ROS's own router, rmw_zenohd (default: the cell's)")
+    parser.add_argument("--distribution", choices=tuple(DISTRIBUTIONS), help=f"of ROS 2 (default: {ROS_USUAL})")
+    parser.add_argument(
         "--link", choices=LINKS, help="hil: how the controller is spoken to (default: terminal); supervisory is DDCMP"
     )
     parser.add_argument(
@@ -113,6 +126,8 @@ def plan_of(arguments: argparse.Namespace) -> Plan:
         hardware = arm(
             robot, _arm_options(robot, arguments.arm), None if arguments.box is None else _box(arguments.box)
         )
+    if arguments.ros2 is None and (arguments.ros is not None or arguments.distribution is not None):
+        raise CellError("--ros, --distribution: expected with --ros2 only")
     viewer = None
     if not arguments.no_viewer:
         web_port = None if arguments.no_web else web_port
@@ -133,6 +148,7 @@ def plan_of(arguments: argparse.Namespace) -> Plan:
         certs=arguments.certs,
         hardware=hardware,
         viewer=viewer,
+        ros2=None if arguments.ros2 is None else Graph(arguments.ros2, arguments.distribution, arguments.ros),
         fresh=arguments.fresh,
     )
 

@@ -58,7 +58,7 @@ def test_what_would_be_dangerous_is_for_one_alone() -> None:
 def test_people_and_the_viewer_read_and_a_learner_never_sees_the_truth() -> None:
     put, answer = _may("put"), _may("answer")
     assert put["guest"] == answer["guest"] == answer["operator"] == set()
-    assert put["viewer"] == {"heartbeat/<service>"}
+    assert put["viewer"] == put["ros2_out"] == {"heartbeat/<service>"}
     assert answer["viewer"] == {"alive/<service>"}
     published = {key for key, row in CONTRACT.items() if row.kind == "pub"}
     assert _may("hear")["guest"] == _may("hear")["viewer"] == published | set(STORED)
@@ -91,6 +91,15 @@ def test_without_certificates_the_door_says_who_is_of_the_cell_and_all_others_ar
             )
             assert may_put == (told in ({"link_protocols": ["unixsock-stream"]}, {"interfaces": ["eth1"]}))
     assert subjects["guest"] == {"id": "guest"}, "whoever comes in"
+
+
+def test_in_a_domain_of_ros_2_whoever_comes_may_speak_but_not_in_a_cell() -> None:
+    control: Any = by_door([], [7])
+    (rule,) = (rule for rule in control["rules"] if rule["id"] == "ros2")
+    assert {"rules": ["ros2"], "subjects": ["guest"]} in control["policies"]
+    keys = [zenoh.KeyExpr(key) for key in rule["key_exprs"]]
+    for key, allowed in (("7/a/b/T/h", True), ("@ros2_lv/7/x", True), ("8/a/b/T/h", False), ("treenail/a/ft", False)):
+        assert any(one.includes(zenoh.KeyExpr(key)) for one in keys) == allowed
 
 
 @pytest.mark.parametrize(

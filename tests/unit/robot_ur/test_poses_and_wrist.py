@@ -10,11 +10,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from services.robot_ur.emulator.poses import GRID, frame, increment_of
-from services.robot_ur.poses import Pose, apart, from_rotation_vector, from_ur, rotation_vector
+from services.robot_ur.poses import from_ur, to_ur
 from services.robot_ur.states import PLAYING, State, trouble
 from services.robot_ur.wrist import ControllerClock, Wrist
 from services.rules.ft_counts import FtCounts
 from services.rules.mount import Mount
+from services.rules.poses import Pose, apart, from_quaternion, from_rotation_vector, quaternion, rotation_vector
 from services.wire.actions import Increment
 
 ANGLE = st.floats(-3.0, 3.0)
@@ -26,7 +27,7 @@ MS = 10**6
 
 @given(st.tuples(PLACE, PLACE, PLACE, ANGLE, ANGLE, ANGLE), st.tuples(STEP, STEP, STEP, STEP, STEP, STEP))
 def test_the_emulator_finds_the_very_numbers_of_an_increment(pose: tuple[float, ...], step: tuple[float, ...]) -> None:
-    goal = from_ur(pose).after(Increment(*step)).to_ur()
+    goal = to_ur(from_ur(pose).after(Increment(*step)))
     assert increment_of(frame(pose), frame(goal)) == Increment(*(value + 0.0 for value in step))
 
 
@@ -37,6 +38,7 @@ def test_a_rotation_vector_and_back_also_half_a_turn(angle: float, axis: tuple[f
     turn = from_rotation_vector((x, y, z))
     assert np.allclose(turn, frame((0.0, 0.0, 0.0, x, y, z))[:3, :3], atol=1e-12)
     assert np.allclose(from_rotation_vector(rotation_vector(turn)), turn, atol=1e-8)
+    assert np.allclose(from_quaternion(quaternion(turn)), turn, atol=1e-8)
 
 
 def test_how_far_two_poses_are_apart() -> None:
