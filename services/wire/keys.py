@@ -88,6 +88,7 @@ SERVICES = (
     "store",
     "viewer",
     "ros2_out",
+    "ros2_sensor",
 )
 OPERATOR, GUEST = "operator", "guest"
 CLIENTS = (*SERVICES, OPERATOR, GUEST)
@@ -96,7 +97,7 @@ READERS = ("viewer", "ros2_out", OPERATOR, GUEST)
 WORKERS = ("classifier", "agent")
 ROBOTS = ("sim", "robot_link", "robot_ur")
 """Who answers motions."""
-SENSORS = ("sim", "sensor_jr3", "sensor_rdt", "robot_ur")
+SENSORS = ("sim", "sensor_jr3", "sensor_rdt", "robot_ur", "ros2_sensor")
 """Who publishes what is felt; the wrist of robot_ur is one."""
 
 

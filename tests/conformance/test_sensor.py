@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 import signal
 import socket
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -30,7 +31,7 @@ from services.wire.messages import Alive, FtPacket
 KNOWN_STATUS = 0b11111
 UNUSABLE = {0: "saturated", 2: "lost", 3: "changed", 4: "not yet zeroed"}
 KEYS = Keys("a")
-RIGS = ("sim", "jr3", "rdt", "ur-wrist")
+RIGS = ("sim", "jr3", "rdt", "ur-wrist", "ros2")
 
 
 @dataclass
@@ -42,6 +43,9 @@ class Bus:
     run_module: Callable[..., Any]
     wait_until: Callable[..., None]
     heard: list[tuple[bytes, str, float]] = field(default_factory=list)
+    ended: threading.Event = field(default_factory=threading.Event)
+    """Tells ``threads`` that the test is over."""
+    threads: list[threading.Thread] = field(default_factory=list)
 
     def start(self, name: str, *options: str) -> Any:
         """Start a service."""
@@ -100,6 +104,9 @@ def bus(short_path: Path, run_module: Any, wait_until: Any) -> Iterator[Bus]:
 
     subscriber = session.declare_subscriber(KEYS.of(FT), take)
     yield made
+    made.ended.set()
+    for thread in made.threads:
+        thread.join()
     subscriber.undeclare()  # type: ignore[no-untyped-call]
     session.close()  # type: ignore[no-untyped-call]
 
@@ -185,9 +192,49 @@ def ur_wrist(bus: Bus, small: Path, folder: Path) -> Rig:
     return Rig("robot_ur", start, lambda _: push(port, "pull 1"), mend, "running|making .*")
 
 
+def ros2(bus: Bus, small: Path, folder: Path) -> Rig:
+    """A WrenchStamped topic, whose driver falls silent."""
+    for extra in ("rosbags", "xxhash"):
+        pytest.importorskip(extra, reason="pip install '.[ros2]'")
+    from services.ros2.messages import WRENCH, Messages, Wrench
+    from services.ros2.node import Node
+
+    messages, speaks, ended = Messages(), threading.Event(), bus.ended
+    publish = Node(bus.session, 0, "driver", messages).publisher("/fts/wrench", WRENCH)
+    speaks.set()
+
+    def drive() -> None:
+        number = 0
+        while not ended.wait(0.002):
+            number += 1
+            if speaks.is_set():
+                publish(messages.wrench(Wrench(time.time_ns(), "fts", (1.0, 2.0, number % 5), (0.1, 0.2, 0.3))))
+
+    driver = threading.Thread(target=drive)
+    driver.start()
+    bus.threads.append(driver)
+    started: list[Any] = []
+
+    def start() -> Any:
+        started.append(bus.start("ros2.sensor", "--topic", "/fts/wrench", "--frame", "fts", "--oldest-s", "1"))
+        return started[-1]
+
+    def mend() -> Any:
+        speaks.set()
+        return started[-1]
+
+    return Rig("ros2_sensor", start, lambda _: speaks.clear(), mend, "running.*")
+
+
 @pytest.fixture(params=RIGS)
 def rig(request: pytest.FixtureRequest, bus: Bus, small: Path, tmp_path: Path) -> Rig:
-    make: Callable[[Bus, Path, Path], Rig] = {"sim": sim, "jr3": jr3, "rdt": rdt, "ur-wrist": ur_wrist}[request.param]
+    make: Callable[[Bus, Path, Path], Rig] = {
+        "sim": sim,
+        "jr3": jr3,
+        "rdt": rdt,
+        "ur-wrist": ur_wrist,
+        "ros2": ros2,
+    }[request.param]
     return make(bus, small, tmp_path)
 
 

@@ -1,4 +1,4 @@
-"""Independent peers of ROS 2 over Zenoh, by the router of a cell: what we publish is read by them.
+"""Independent peers of ROS 2 over Zenoh, by the router of a cell: what we publish they read, and we what they do.
 
 ``zenoh-ros2-sdk`` and ``pyzeros`` are other people's, and know nothing of Treenail. Each runs in a process of its own.
 """
@@ -19,15 +19,17 @@ import zenoh
 
 from services.bus import ports
 from services.bus.session import open_client
-from services.wire.codec import encode, encoding_of
+from services.wire.codec import decode, encode, encoding_of
 from services.wire.keys import FT, Keys
 from services.wire.messages import FtPacket
 
 pytest.importorskip("rosbags", reason="the extra ros2 is not installed")
 pytest.importorskip("xxhash", reason="the extra ros2 is not installed")
 
-from services.ros2.messages import WRENCH, Messages
-from services.ros2.names import endpoint, tokens_key
+from services.ros2.attachment import Attachment, written
+from services.ros2.messages import WRENCH, Messages, Wrench
+from services.ros2.names import endpoint, tokens_key, topic_key
+from services.ros2.stream import LOST, NOT_ZEROED
 
 KEYS = Keys("a")
 TOPIC = "/treenail/a/wrench"
@@ -71,6 +73,47 @@ with zenoh.open(config) as session, pyzeros.auto_context(node="judge", zenoh_ses
         time.sleep(0.01)
     print(json.dumps(heard[:count]), flush=True)
 """
+SDK_SPEAKS = """
+import json, sys, time
+from zenoh_ros2_sdk import ROS2Publisher
+port, topic, kind, definition, type_hash = json.loads(sys.argv[1])
+publisher = ROS2Publisher(topic, kind, msg_definition=definition, type_hash=type_hash, router_port=port)
+types = publisher.session_mgr.store.types
+number = 0
+while True:
+    number += 1
+    now = time.time_ns()
+    stamp = types["builtin_interfaces/msg/Time"](sec=now // 10**9, nanosec=now % 10**9)
+    vector = types["geometry_msgs/msg/Vector3"]
+    publisher.publish(
+        header=types["std_msgs/msg/Header"](stamp=stamp, frame_id="fts"),
+        wrench=types["geometry_msgs/msg/Wrench"](
+            force=vector(x=float(number), y=-0.5, z=0.25), torque=vector(x=0.1, y=0.2, z=0.3)))
+    time.sleep(0.01)
+"""
+PYZEROS_SPEAKS = """
+import json, sys, time
+import pyzeros, zenoh
+from ros2_pyterfaces.cydr import all_msgs
+port, topic, kind, definition, type_hash = json.loads(sys.argv[1])
+config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [f"tcp/127.0.0.1:{port}"]}}))
+with zenoh.open(config) as session, pyzeros.auto_context(node="judge", zenoh_session=session):
+    publisher = pyzeros.Pub(all_msgs.WrenchStamped, topic)
+    assert publisher.hash == type_hash
+    number = 0
+    while True:
+        number += 1
+        now = time.time_ns()
+        message = all_msgs.WrenchStamped()
+        message.header.frame_id = b"fts" if isinstance(message.header.frame_id, bytes) else "fts"
+        message.header.stamp.sec, message.header.stamp.nanosec = now // 10**9, now % 10**9
+        force, torque = message.wrench.force, message.wrench.torque
+        force.x, force.y, force.z = float(number), -0.5, 0.25
+        torque.x, torque.y, torque.z = 0.1, 0.2, 0.3
+        publisher.publish(message)
+        time.sleep(0.01)
+"""
+SPEAKS = {"zenoh_ros2_sdk": SDK_SPEAKS, "pyzeros": PYZEROS_SPEAKS}
 HEARS = {"zenoh_ros2_sdk": SDK_HEARS, "pyzeros": PYZEROS_HEARS}
 
 
@@ -168,6 +211,66 @@ def test_what_is_felt_is_read_by_a_peer(
     heard = json.loads(judge.said.splitlines()[-1])
     first = sent.index(heard[0])
     assert heard == sent[first : first + FRAMES]
+
+
+@pytest.mark.parametrize("who", SPEAKS)
+def test_what_a_peer_publishes_is_felt(
+    who: str,
+    port: int,
+    session: zenoh.Session,
+    peer: Callable[..., Peer],
+    run_module: Callable[..., Any],
+    wait_until: Callable[..., None],
+) -> None:
+    if importlib.util.find_spec(who) is None:
+        pytest.skip(f"{who} is not installed: pip install {who.replace('_', '-')}")
+    messages, felt = Messages(), list[FtPacket]()
+    subscriber = session.declare_subscriber(
+        KEYS.of(FT), lambda sample: felt.append(decode(FtPacket, sample.payload.to_bytes(), str(sample.encoding)))
+    )
+    options = ("--topic", "/fts/wrench", "--frame", "fts", "--rate-hz", "100", "--oldest-s", "1")
+    run_module("services.ros2.sensor", "--connect", f"tcp/127.0.0.1:{port}", *options)
+    told = (WRENCH, messages.definition(WRENCH), messages.type_hash(WRENCH))
+    judge = peer(SPEAKS[who], port, "/fts/wrench", *told)
+    wait_until("it is felt", lambda: len([one for one in felt if one.status == 0]) > 20 or "Error" in judge.said)
+    good = [one for one in felt if one.status == 0]
+    assert len(good) > 20, judge.said
+    for packet in good:
+        ((x, y, z),), (torque,) = packet.force_n, packet.torque_nm
+        assert (y, z, torque) == (-0.5, 0.25, (0.1, 0.2, 0.3)) and x == round(x)
+    assert sorted(one.force_n[0][0] for one in good) == [one.force_n[0][0] for one in good]
+    subscriber.undeclare()  # type: ignore[no-untyped-call]
+
+
+def test_a_peer_of_another_distribution_is_named_and_not_read(
+    port: int,
+    session: zenoh.Session,
+    run_module: Callable[..., Any],
+    wait_until: Callable[..., None],
+) -> None:
+    felt: list[FtPacket] = []
+    subscriber = session.declare_subscriber(
+        KEYS.of(FT), lambda sample: felt.append(decode(FtPacket, sample.payload.to_bytes(), str(sample.encoding)))
+    )
+    process = run_module(
+        "services.ros2.sensor", "--connect", f"tcp/127.0.0.1:{port}", "--topic", "/fts/wrench", "--frame", "fts"
+    )
+    wait_until("it says that nobody is there", lambda: "expected a publisher on /fts/wrench in domain 0" in process.out)
+    messages = Messages()
+    data = messages.wrench(Wrench(time.time_ns(), "fts", (1.0, 2.0, 3.0), (0.0, 0.0, 0.0)))
+    attached = written(Attachment(1, time.time_ns(), bytes(16)), messages.distribution)
+
+    def send(kind: str, type_hash: str) -> None:
+        session.put(topic_key(0, "/fts/wrench", kind, type_hash), data, attachment=attached)
+        time.sleep(0.05)
+
+    for kind, type_hash, why in (
+        (WRENCH, "TypeHashNotSupported", "got 'TypeHashNotSupported': a peer of another distribution"),
+        ("geometry_msgs/msg/Wrench", messages.type_hash(WRENCH), "got geometry_msgs/msg/Wrench; is it the right topic"),
+    ):
+        wait_until(why, lambda: send(kind, type_hash) or why in process.out)  # noqa: B023
+    assert felt and {one.status for one in felt} <= {LOST, NOT_ZEROED}, "nothing may move"
+    subscriber.undeclare()  # type: ignore[no-untyped-call]
 
 
 def there(session: zenoh.Session) -> set[tuple[str, str]]:

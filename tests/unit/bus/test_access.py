@@ -9,7 +9,7 @@ import pytest
 import zenoh
 
 from services.bus.access import ACCESS, FOR_ALL, NAMES, by_certificate, by_door, may, table, who_may
-from services.wire.keys import CLIENTS, CONTRACT, STORED
+from services.wire.keys import CLIENTS, CONTRACT, SENSORS, STORED
 from treenail.__main__ import SERVICES as COMMANDS
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "security.md"
@@ -48,8 +48,9 @@ def test_what_would_be_dangerous_is_for_one_alone() -> None:
     put, ask, answer, delete = _may("put"), _may("ask"), _may("answer"), _may("delete")
     assert [name for name in CLIENTS if "action" in put[name]] == ["agent"]
     assert [name for name in CLIENTS if ask[name] & {"move", "home"}] == ["task"]
+    assert set(SENSORS) == {"sim", "sensor_jr3", "sensor_rdt", "robot_ur", "ros2_sensor"}
     assert {name for name in CLIENTS if answer[name] & {"move", "home"}} == {"sim", "robot_link", "robot_ur"}
-    assert {name for name in CLIENTS if "ft" in put[name]} == {"sim", "sensor_jr3", "sensor_rdt", "robot_ur"}
+    assert {name for name in CLIENTS if "ft" in put[name]} == set(SENSORS)
     skills = {"checkpoint/skill/<sha256>", "checkpoint/skill/latest"}
     assert {name for name in CLIENTS if put[name] & skills} == {"task", "operator"}
     assert {key for name in CLIENTS for key in delete[name]} == skills == delete["operator"]

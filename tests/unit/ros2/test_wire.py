@@ -21,6 +21,7 @@ from services.ros2.errors import BadNameError, MessageError, PeerError
 from services.ros2.messages import Messages, Pose, Wrench
 from services.ros2.names import Endpoint, Qos
 from services.ros2.node import check_type, nobody, publishers
+from services.wire.messages import Force, Torque
 
 JAZZY, OLD = DISTRIBUTIONS["jazzy"], DISTRIBUTIONS["jazzy-0.2.3"]
 STRING_HASH = "RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"
@@ -128,7 +129,7 @@ def test_the_common_types_are_the_same_in_every_distribution(name: str, jazzy: M
 
 
 @given(st.tuples(NUMBER, NUMBER, NUMBER), st.tuples(NUMBER, NUMBER, NUMBER), st.integers(0, 2**31 * 10**9 - 1))
-def test_a_wrench_goes_there_and_back(force: messages.Force, torque: messages.Torque, t_ns: int) -> None:
+def test_a_wrench_goes_there_and_back(force: Force, torque: Torque, t_ns: int) -> None:
     wrench = Wrench(t_ns, "fts", force, torque)
     assert SHARED.read_wrench(SHARED.wrench(wrench)) == wrench
 
