@@ -138,7 +138,7 @@ class FeltModel(Checked, frozen=True, kw_only=True, tag_field="kind", tag="felt"
     drift: Fraction = 0.0
     """How unsure the model becomes of what it holds with each observation, as a part of how unsure it was at first:
     what is long ago counts less. 0 holds that nothing ever changes."""
-    reward_limit: Annotated[float, Meta(gt=0, le=1e6)] = 20.0
+    reward_limit: Annotated[float, Meta(gt=0, le=1e6)] = 150.0
     """Most, up or down, that one reward tells the model; of a collision's the table is told the rest."""
     value_limit: Annotated[float, Meta(gt=0, le=1e6)] = 20.0
     """Most, up or down, that what comes next is taken to be worth."""
