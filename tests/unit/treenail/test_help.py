@@ -8,6 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
+from services.rules.command_line import service_module
 from treenail import __main__ as command
 
 HELPS: list[tuple[str, ...]] = [(name,) for name in (*command.COMMANDS, *command.STUDIES, *command.TOOLS)]
@@ -45,7 +46,8 @@ def test_help_of_a_service_is_in_plain_words(
 ) -> None:
     monkeypatch.setattr(sys, "argv", ["treenail", "--help"])
     with pytest.raises(SystemExit):
-        importlib.import_module(f"services.{service}.__main__").main()
+        module = service_module(service)
+        importlib.import_module(module if module.count(".") > 1 else f"{module}.__main__").main()
     out = capsys.readouterr().out
     assert out.startswith(f"usage: treenail {service} ") and plain(out), out
     # Where a person has to connect to is said.
