@@ -10,7 +10,7 @@ from pathlib import Path
 
 from experiments.lab import progress
 from experiments.lab.pool import usable_cores
-from experiments.reproduce import markdown, page
+from experiments.reproduce import page, published
 from experiments.reproduce.cache import Cache
 from experiments.reproduce.chapter import CannotRun, Section
 from experiments.reproduce.code import code_sha256, origin
@@ -72,7 +72,7 @@ def make(wanted: Wanted, sections: Sequence[Section] = SECTIONS) -> Path:
     facts = _facts(wanted, time.monotonic() - began, cache.from_before)
     _write(index, page.render(TITLE, facts, done, wanted.quick))
     if wanted.pages is not None:
-        for path, content in markdown.pages(facts, done, wanted.words).items():
+        for path, content in published.pages(facts, done, wanted.words).items():
             _write(wanted.pages / path, content)
     return index
 

@@ -22,7 +22,7 @@ class InsertionReward(Checked, frozen=True, kw_only=True, tag_field="kind", tag=
     no_progress: Finite = -50.0
     """For the move that ends the episode by the no-progress rule (instead of the others)."""
     back: Finite = -3.0
-    """For a move back out (a listed one, z_mm below 0), whatever it did; it is not shaped."""
+    """For a move back out (a listed one, z_mm below 0), less what force costs; it is not shaped."""
     success: Finite = 0.0
     """Added for the move that ends the episode inserted."""
     force_per_n: NotNegative = 0.0
@@ -47,7 +47,7 @@ class ForceChangeReward(Checked, frozen=True, kw_only=True, tag_field="kind", ta
     no_progress: Finite = -50.0
     """For the move that ends the episode by the no-progress rule (instead of the others)."""
     back: Finite = -3.0
-    """For a move back out (a listed one, z_mm below 0), whatever it did; it is not shaped."""
+    """For a move back out (a listed one, z_mm below 0), less what force costs; it is not shaped."""
     success: Finite = 0.0
     """Added for the move that ends the episode inserted."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
-from experiments.reproduce import markdown, report
+from experiments.reproduce import published, report
 from experiments.reproduce.chapter import (
     Block,
     Chapter,
@@ -38,7 +38,7 @@ def section(*blocks: Block) -> Section:
 
 def page_of(*blocks: Block) -> dict[str, str]:
     done = Done(section(*blocks), Chapter(blocks))
-    return markdown.pages(FACTS, [done], ["--seeds", "3", "--pages", "docs", "--kept"])
+    return published.pages(FACTS, [done], ["--seeds", "3", "--pages", "docs", "--kept"])
 
 
 def test_a_page_has_all_that_the_section_has() -> None:
@@ -78,15 +78,15 @@ def test_a_large_drawing_stays_in_the_report() -> None:
 
 
 def test_what_could_not_run_says_so() -> None:
-    files = markdown.pages(FACTS, [Done(section(), None, "no data")], [])
+    files = published.pages(FACTS, [Done(section(), None, "no data")], [])
     assert files == {"made-up.md": files["made-up.md"]}
     assert files["made-up.md"].endswith("\n\nCould not run: no data\n")
 
 
 def test_the_command_is_what_makes_the_numbers() -> None:
     words = ["--only", "learners", "plan", "--seeds", "2", "--out=r", "--jobs", "1", "--quick", "--data", "a b"]
-    assert markdown.command("plan", words) == "treenail reproduce --only plan --seeds 2 --quick --data 'a b'"
-    assert markdown.command("plan", ["--quick", "--only", "plan"]) == "treenail reproduce --only plan --quick"
+    assert published.command("plan", words) == "treenail reproduce --only plan --seeds 2 --quick --data 'a b'"
+    assert published.command("plan", ["--quick", "--only", "plan"]) == "treenail reproduce --only plan --quick"
 
 
 def test_the_report_writes_its_pages(tmp_path: Path) -> None:
