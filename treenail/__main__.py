@@ -36,6 +36,7 @@ SERVICES = {
     "robot_link": "an arm behind a VAL II controller",
     "robot_ur": "an arm of Universal Robots",
     "sensor_rdt": "an ATI Net F/T, an Axia or an OnRobot HEX",
+    "ros2_robot": "an arm behind a Cartesian controller of ROS 2",
     "ros2_sensor": "a force/torque topic of ROS 2",
     "task": "one insertion task",
     "classifier": "F/T vectors to contact states (ART2)",

@@ -12,7 +12,8 @@ from services.bus.access import ROUTER
 from services.bus.tls import identity
 from services.cell import hil, ur
 from services.cell.hil import Hil
-from services.cell.ros2 import OUT, Graph
+from services.cell.ros2 import OUT, Graph, RosArm
+from services.cell.ros2 import overrides as ros2_overrides
 from services.cell.ur import Ur
 from services.rules import plugins
 from services.rules import skill as skill_file
@@ -89,7 +90,7 @@ class Plan:
     """The router's, on 127.0.0.1."""
     certs: Path | None
     """Folder of ``treenail certs``; None for a cell without certificates."""
-    hardware: Hil | Ur | None
+    hardware: Hil | RosArm | Ur | None
     """Robot and sensor, emulated or real; None for the simulator in their place."""
     viewer: Viewer | None
     ros2: Graph | None
@@ -125,7 +126,7 @@ def make_plan(
     out: Path | None = None,
     port: int = 0,
     certs: Path | None = None,
-    hardware: Hil | Ur | None = None,
+    hardware: Hil | RosArm | Ur | None = None,
     viewer: Viewer | None = None,
     ros2: Graph | None = None,
     fresh: bool = False,
@@ -139,7 +140,7 @@ def make_plan(
     sets = tuple(overrides)
     definition = load(experiment, sets)
     if hardware is not None:
-        sets += tuple(ur.overrides(hardware, definition) if isinstance(hardware, Ur) else hil.overrides(definition))
+        sets += tuple(_overrides(hardware, definition))
         definition = load(experiment, sets)
     plugins.check(definition)
     length = definition.episodes if episodes is None else episodes
@@ -197,3 +198,9 @@ def _checked_port(host: str, port: int, option: str) -> int:
         return ports.free_port(host, port)
     except (OSError, OverflowError) as error:
         raise CellError(f"{option} {port}: cannot listen on {host}:{port}: {error}; try another, or 0") from None
+
+
+def _overrides(hardware: Hil | RosArm | Ur, definition: Definition) -> Sequence[str]:
+    if isinstance(hardware, Ur):
+        return ur.overrides(hardware, definition)
+    return ros2_overrides(definition) if isinstance(hardware, RosArm) else hil.overrides(definition)

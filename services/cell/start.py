@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from services.cell import hil, ur
+from services.cell import hil, ros2, ur
 from services.cell.plan import Plan
-from services.cell.ros2 import OUT
+from services.cell.ros2 import OUT, RosArm
 from services.cell.ur import Ur
 
 Commands = dict[str, tuple[str, ...]]
@@ -36,6 +36,8 @@ def commands(plan: Plan, endpoints: Mapping[str, str] | None = None) -> Commands
     hardware = plan.hardware
     if hardware is None:
         services["sim"] = where("sim")
+    elif isinstance(hardware, RosArm):
+        services |= ros2.commands(plan.cell, plan.endpoint, plan.definition.sensor)
     elif isinstance(hardware, Ur):
         services |= ur.commands(hardware, plan.cell, plan.endpoint, plan.definition.sensor)
     else:

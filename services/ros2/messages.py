@@ -165,6 +165,17 @@ class Messages:
             )
         return read
 
+    def read_number(self, data: bytes) -> int:
+        """Return the whole number that a String says. Raises MessageError for another one."""
+        said = self.read_text(data)
+        if not (said.isascii() and said.isdigit() and len(said) < 19):
+            raise MessageError(f"{STRING}: expected a whole number, got {said[:40]!r}")
+        return int(said)
+
+    def read_text(self, data: bytes) -> str:
+        """Return what a String says. Raises MessageError."""
+        return str(self._read(data, STRING).data)
+
     def _read(self, data: bytes, kind: str) -> Any:
         if len(data) > MOST_BYTES:
             raise MessageError(f"{kind}: expected at most {MOST_BYTES} bytes, got {len(data)}")

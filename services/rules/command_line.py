@@ -55,7 +55,7 @@ _SAFE_PATH = "PYTHONSAFEPATH"
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """What writing says when nothing more goes on the disk, or to the terminal."""
 _MANY = 10**9
-_ROOMS = {"ros2_out": "ros2.out", "ros2_sensor": "ros2.sensor"}
+_ROOMS = {"ros2_out": "ros2.out", "ros2_robot": "ros2.robot", "ros2_sensor": "ros2.sensor"}
 """Services that are not alone in their folder."""
 
 

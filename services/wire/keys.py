@@ -88,6 +88,7 @@ SERVICES = (
     "store",
     "viewer",
     "ros2_out",
+    "ros2_robot",
     "ros2_sensor",
 )
 OPERATOR, GUEST = "operator", "guest"
@@ -95,7 +96,7 @@ CLIENTS = (*SERVICES, OPERATOR, GUEST)
 """Everybody but the router, by the name in a certificate."""
 READERS = ("viewer", "ros2_out", OPERATOR, GUEST)
 WORKERS = ("classifier", "agent")
-ROBOTS = ("sim", "robot_link", "robot_ur")
+ROBOTS = ("sim", "robot_link", "robot_ur", "ros2_robot")
 """Who answers motions."""
 SENSORS = ("sim", "sensor_jr3", "sensor_rdt", "robot_ur", "ros2_sensor")
 """Who publishes what is felt; the wrist of robot_ur is one."""
@@ -143,7 +144,7 @@ CONTRACT: dict[str, Row] = {
     FT: Row(
         "pub",
         (FtPacket,),
-        Access(put=SENSORS, hear=("task", "robot_link", "robot_ur", *READERS)),
+        Access(put=SENSORS, hear=("task", "robot_link", "robot_ur", "ros2_robot", *READERS)),
         "what the wrist feels",
         ("task", "viewer"),
     ),

@@ -19,6 +19,7 @@ import zenoh
 
 from services.bus.answers import answer_in
 from services.bus.session import open_client
+from services.cell.ros2 import START as ROS_START
 from services.cell.ur import START_MM, arm
 from services.wire.actions import Increment, increments
 from services.wire.codec import encode, encoding_of
@@ -28,7 +29,7 @@ from services.wire.messages import Experiment, FtPacket, Home, Move, Moved, Refu
 
 KEYS = Keys("a")
 RUN = "conformance"
-RIGS = ("sim", "val2", "val2-offset-arrived", "vplus", "supervisory", "ur")
+RIGS = ("sim", "val2", "val2-offset-arrived", "vplus", "supervisory", "ur", "ros2")
 FELT_EVERY_S = 0.01
 
 
@@ -114,6 +115,19 @@ def ur(rig: Rig) -> None:
     rig.start("robot_ur", "--robot", address, "--wrist", "none", "--start", START_MM, *usual)
 
 
+def ros2(rig: Rig) -> None:
+    """The arm of ROS 2 on its emulated controller, and a sensor beside it."""
+    for extra in ("rosbags", "xxhash"):
+        pytest.importorskip(extra, reason="pip install '.[ros2]'")
+    rig.start("ros2.emulator")
+    rig.feels.set()
+    rig.service = "ros2_robot"
+    topics = ("--target", "/compliance/target_frame", "--pose", "/compliance/current_pose", "--frame", "base_link")
+    usual = ("--oldest-s", "2", "--settle-s", "0", "--withdraw-mm", "20", "--auto-resume", "--tell")
+    way = ("--start", ROS_START, "--stride-mm", "1", "--rate-hz", "500", "--steady-s", "0.02", "--within-mm", "0.001")
+    rig.start("ros2.robot", *topics, *usual, *way)
+
+
 MAKE: dict[str, Callable[[Rig], None]] = {
     "sim": sim,
     "val2": lambda rig: emulated(rig, (), ()),
@@ -125,6 +139,7 @@ MAKE: dict[str, Callable[[Rig], None]] = {
         rig, ("--mode", "supervisory"), ("--mode", "supervisory", "--ddcmp-listen", "0")
     ),
     "ur": ur,
+    "ros2": ros2,
 }
 
 

@@ -20,6 +20,7 @@ WRONG = ("nan", "inf", "-inf", "1_0", "\u0663", "0x10", "1e400", "")
 OTHERS = (
     "services.robot_link.emulator.__main__",
     "services.robot_ur.emulator.__main__",
+    "services.ros2.emulator.__main__",
     "services.sensor_jr3.card_server",
     "services.sensor_jr3.emulator.__main__",
     "services.sensor_jr3.emulator.panel",

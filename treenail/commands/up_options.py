@@ -8,7 +8,7 @@ from pathlib import Path
 from services.cell import hil
 from services.cell.hil import LINKS, Hil, emulated
 from services.cell.plan import Plan, make_plan, viewer_at
-from services.cell.ros2 import Graph
+from services.cell.ros2 import Graph, RosArm
 from services.cell.ur import EMULATED, Ur, arm
 from services.robot_ur import settings as robot_ur
 from services.ros2.distributions import DISTRIBUTIONS, MOST_DOMAIN
@@ -20,7 +20,7 @@ from services.wire.errors import CellError
 from services.wire.message_base import LONGEST_RUN
 from services.wire.randomness import MAX_SEED
 
-PROFILES = ("sim", "hil", "ur")
+PROFILES = ("sim", "hil", "ur", "ros2")
 WEB_PORT = 9090
 USUAL, USUAL_EPISODES = "suite-round", 200
 """What is learnt where nothing is said: a peg from random starts."""
@@ -35,7 +35,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "profile",
         choices=PROFILES,
         help="sim: the simulator in place of robot and sensor; hil: "
-        "emulated old hardware; ur: an arm of Universal Robots",
+        "emulated old hardware; ur: an arm of Universal Robots; ros2: an emulated arm behind topics of ROS 2",
     )
     parser.add_argument(
         "--experiment",
@@ -112,11 +112,14 @@ def plan_of(arguments: argparse.Namespace) -> Plan:
     web_port = arguments.web_port
     if web_port is None:  # who asks for any port for one asks for any port for the other
         web_port = WEB_PORT if arguments.viewer_port else 0
-    hardware: Hil | Ur | None = None
-    if arguments.profile != "ur" and (arguments.robot is not None or arguments.arm or arguments.box):
+    hardware: Hil | RosArm | Ur | None = None
+    robots = arguments.robot not in (None, *((EMULATED,) if arguments.profile == "ros2" else ()))
+    if arguments.profile != "ur" and (robots or arguments.arm or arguments.box):
         raise CellError("--robot, --arm, --box: expected with `treenail up ur` only")
     if arguments.profile == "hil":
         hardware = emulated(arguments.link or LINKS[0], thesis_speed=arguments.thesis_speed)
+    elif arguments.profile == "ros2":
+        hardware = RosArm()
     elif arguments.profile == "ur":
         robot = arguments.robot or EMULATED
         if robot == EMULATED and arguments.box is not None:

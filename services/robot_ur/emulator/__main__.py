@@ -7,10 +7,10 @@ import argparse
 import zenoh
 
 from services.bus import command
+from services.bus.emulated_arm import Arm, IdealArm, WorldArm
 from services.bus.session import open_client
 from services.bus.stop_flag import StopFlag
 from services.bus.world import World
-from services.robot_ur.emulator.arm import Arm, IdealArm, WorldArm
 from services.robot_ur.emulator.controller import LOG, Behaviour, Controller
 from services.robot_ur.emulator.panel import HELP
 from services.robot_ur.emulator.server import Server

@@ -12,8 +12,8 @@ import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from services.robot_ur.emulator.arm import Arm, Load
-from services.robot_ur.emulator.poses import frame, turned
+from services.bus.emulated_arm import Arm, Load
+from services.bus.frames import frame, turned
 from services.robot_ur.emulator.rtde import Cycle, Value, output_type
 
 LOG = logging.getLogger("ur-emulator")

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import threading
 
-from services.robot_ur.emulator.arm import ArmFault
+from services.bus.emulated_arm import ArmFault
+from services.bus.frames import between
 from services.robot_ur.emulator.controller import LOG, PLAYING, STOPPED, Controller
-from services.robot_ur.emulator.poses import between
 
 MOVE_L, ZERO_FT, SET_PAYLOAD, PROTECTIVE_STOP = 3, 8, 17, 31
 STOP_L, STOP_J, WATCHDOG, IS_SAFE, TCP_OFFSET, IS_STEADY, END = 33, 34, 35, 36, 40, 47, 255

@@ -1,17 +1,25 @@
-"""``treenail up sim --ros2``: what ROS 2 sees delays and changes nothing."""
+"""``treenail up sim --ros2``: what ROS 2 sees delays and changes nothing. ``up ros2``: nor does an arm behind it."""
 
 from __future__ import annotations
 
+import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from services.cell.hil import FULL_SCALES
+
 pytest.importorskip("rosbags", reason="the extra ros2 is not installed")
 pytest.importorskip("xxhash", reason="the extra ros2 is not installed")
 
 EPISODES = 20
+LONG = 6
+"""Episodes of a run in which every process is killed in turn."""
+SUITE = "suite-round"
+"""From random starts, by the felt learner."""
 
 
 def test_a_run_that_ros_2_sees_ends_as_the_one_in_one_process(
@@ -27,10 +35,31 @@ def test_a_run_that_ros_2_sees_ends_as_the_one_in_one_process(
     assert "/treenail/a/wrench and more in domain 0" in log and "Traceback" not in log
 
 
+def test_an_arm_behind_topics_learns_the_same_whichever_process_is_killed(
+    up: Callable[..., Any],
+    reference: Callable[..., dict[str, str]],
+    digests_in: Callable[[Path], dict[str, str]],
+    endpoint_of: Callable[[Path], str],
+    after_actions: Callable[[str, int], None],
+    wait_until: Callable[..., None],
+    tmp_path: Path,
+) -> None:
+    process = up(tmp_path / "A", LONG, "--robot", "emulated", "--experiment", SUITE, cell="ros2")
+    endpoint = endpoint_of(tmp_path / "A")
+    for victim in ("ros2.robot", "ros2.emulator", "ros2.sensor", "sim", "task"):
+        after_actions(endpoint, 8)
+        wait_until(f"{victim} runs", lambda victim=victim: victim in process.children())
+        os.kill(process.children()[victim], signal.SIGKILL)
+    assert process.end(120.0) == 0, process.err
+    assert process.out.count("was killed by SIGKILL; starting it again") == 5
+    assert digests_in(tmp_path / "A") == reference(LONG, 1, *FULL_SCALES, "start.decimals=4", experiment=SUITE)
+
+
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
         (("sim", "--ros", "tcp/127.0.0.1:7448"), "--ros, --distribution: expected with --ros2 only"),
+        (("ros2", "--robot", "192.168.0.10"), "--robot, --arm, --box: expected with `treenail up ur` only"),
         (("sim", "--ros2", "233"), "expected a whole number from 0 to 232, got '233'"),
         (("sim", "--ros2", "--distribution", "humble"), "expected one of jazzy, jazzy-0.2.3, kilted"),
         (("sim", "--ros2", "--certs", "certs"), "--ros2: expected --ros ENDPOINT, ROS's own router, with --certs"),

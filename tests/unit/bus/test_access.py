@@ -49,7 +49,12 @@ def test_what_would_be_dangerous_is_for_one_alone() -> None:
     assert [name for name in CLIENTS if "action" in put[name]] == ["agent"]
     assert [name for name in CLIENTS if ask[name] & {"move", "home"}] == ["task"]
     assert set(SENSORS) == {"sim", "sensor_jr3", "sensor_rdt", "robot_ur", "ros2_sensor"}
-    assert {name for name in CLIENTS if answer[name] & {"move", "home"}} == {"sim", "robot_link", "robot_ur"}
+    assert {name for name in CLIENTS if answer[name] & {"move", "home"}} == {
+        "sim",
+        "robot_link",
+        "robot_ur",
+        "ros2_robot",
+    }
     assert {name for name in CLIENTS if "ft" in put[name]} == set(SENSORS)
     skills = {"checkpoint/skill/<sha256>", "checkpoint/skill/latest"}
     assert {name for name in CLIENTS if put[name] & skills} == {"task", "operator"}

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from services.robot_ur.emulator.arm import IdealArm
+from services.bus.emulated_arm import IdealArm
 from services.robot_ur.emulator.controller import Behaviour, Controller
 from services.robot_ur.emulator.dashboard import reply
 from services.robot_ur.emulator.rtde import RtdeError, Session

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from services.robot_ur.emulator.poses import GRID, frame, increment_of
+from services.bus.frames import GRID, frame, increment_of
 from services.robot_ur.poses import from_ur, to_ur
 from services.robot_ur.states import PLAYING, State, trouble
 from services.robot_ur.wrist import ControllerClock, Wrist

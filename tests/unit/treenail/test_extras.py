@@ -94,6 +94,7 @@ def test_what_needs_no_cell_either_just_works(words: tuple[str, ...]) -> None:
         ("services.viewer", NOBODY, "viewer"),
         ("services.sim", NOBODY, "sim"),
         ("services.ros2.out", NOBODY, "ros2"),
+        ("services.ros2.robot", (*NOBODY, "--target", "/a", "--pose", "/b", "--frame", "a"), "ros2"),
         ("services.ros2.sensor", (*NOBODY, "--topic", "/a", "--frame", "a"), "ros2"),
         ("services.classifier", NOBODY, "classifier"),
     ],

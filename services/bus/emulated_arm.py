@@ -1,4 +1,4 @@
-"""The arm behind the emulated controller: what moves when a motion is carried out, and what its wrist feels then."""
+"""The arm behind an emulated controller: what moves when a motion is carried out, and what its wrist feels then."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from services.bus.follower import loads_of
+from services.bus.frames import apart, frame, increment_of
 from services.bus.world import Peg, World, WorldFault
-from services.robot_ur.emulator.poses import apart, frame, increment_of
 
 Load = tuple[float, ...]
 """Force [N] and torque [N m] that the wrist feels, in the tool frame, shape (6,)."""

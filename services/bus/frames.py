@@ -1,4 +1,4 @@
-"""The emulated controller's own geometry: 4 x 4 matrices, millimetres. Shares nothing with the driver's.
+"""The geometry of emulated controllers: 4 x 4 matrices, millimetres. Shares nothing with the drivers'.
 
 ``increment_of`` gives back the very numbers that a motion was asked for with: a goal comes as six float64, of which the
 step from the goal before is worked out to some 1e-12 mm, and rounded to GRID decimals.
