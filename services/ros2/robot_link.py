@@ -24,6 +24,8 @@ from services.rules.poses import Pose, apart
 from services.wire.actions import Increment
 
 _POLL_S, _LOOK_S = 0.002, 1.0
+_STRAYED = 2.0
+"""How many times as far as it may be on arrival an arm may be from there when it is told to go on."""
 
 
 class Told(NamedTuple):
@@ -205,9 +207,14 @@ class Link:
     def _begin(self, go: Go) -> None:
         settings, at = self._settings, self._at[-1][1]
         if go.goal is None:
-            script = self._script
+            script, self._commanded = self._script, None
             if script is not None:
                 self._go_on(lambda: script.send(at))
+            return
+        if self._commanded is not None and self._strayed(self._commanded, at):
+            self._fail(
+                MotionError("robot: expected the arm where it was led, somebody moved it since; only home is taken")
+            )
             return
         self._told = None
         if settings.tell:
@@ -217,6 +224,11 @@ class Link:
         self._goal, self._due_s = go.goal, time.monotonic()
         start = self._commanded or at
         self._targets = deque(way(start, go.goal, settings.stride_mm, settings.stride_deg))
+
+    def _strayed(self, commanded: Pose, at: Pose) -> bool:
+        """Return whether the arm is farther from the last target than one that has arrived: it would jump there."""
+        away_mm, turned_deg = apart(commanded, at)
+        return away_mm > _STRAYED * self._settings.within_mm or turned_deg > _STRAYED * self._settings.within_deg
 
     def _stay(self) -> None:
         """Have the arm stay where it is."""

@@ -174,6 +174,21 @@ def test_too_high_a_force_has_the_arm_stay() -> None:
     assert bench.sent[-1] == (bench.at, None) and not bench.link.busy
 
 
+def test_an_arm_that_was_moved_by_hand_is_not_called_back_at_once() -> None:
+    bench = Bench(stride_mm=1.0)
+    bench.home()
+    sent = len(bench.sent)
+    bench.at = bench.at.after(Increment(dx_mm=50.0))
+    bench.link.heard(bench.at, time.monotonic())
+    bench.link.run(bench.arm.move(Increment(dx_mm=0.1), 3, 1), bench.results.append)
+    (error,) = bench.results
+    assert isinstance(error, MotionError) and "somebody moved it" in str(error)
+    assert bench.sent[sent:] == [(bench.at, None)], "told to stay there"
+    bench.results.clear()
+    bench.home()
+    assert apart(bench.sent[sent + 1][0], bench.sent[sent][0])[0] <= 1.0 + 1e-9, "home begins where the arm is"
+
+
 def test_without_a_start_nothing_is_sent() -> None:
     with pytest.raises(MotionError, match="expected --start"):
         Arm(Settings(TARGET, POSE, "base")).home(HOME)
