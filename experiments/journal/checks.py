@@ -30,7 +30,7 @@ def reward_trouble(
     """Return what is wrong with the reward of a step of a finished episode, given the definition's reward function."""
     step = steps[index]
     allowed = _rewards(definition, steps, index, summary)
-    unknown = _unknown_cost(definition, steps, index)
+    unknown = _unknown_cost(definition, steps, index, summary)
     if step.reward in allowed or any(most - unknown <= (step.reward or 0.0) <= most for most in allowed):
         return None
     expected = " or ".join(repr(value) for value in sorted(allowed))
@@ -90,9 +90,11 @@ def _led_mm(definition: Definition, step: JournalStep) -> float:
     return increments(definition.moves)[step.action or 0].dz_mm
 
 
-def _unknown_cost(definition: Definition, steps: Sequence[JournalStep], index: int) -> float:
+def _unknown_cost(definition: Definition, steps: Sequence[JournalStep], index: int, summary: EpisodeSummary) -> float:
     """Return what a step's force may have cost that the journal does not tell: contact was lost, guidance went on."""
-    if index == len(steps) - 1 or steps[index + 1].step == steps[index].step + 1:
+    last = index == len(steps) - 1
+    then = summary.moves if last else steps[index + 1].step
+    if then == steps[index].step + 1 or (last and summary.outcome in ("collision", "no_progress")):
         return 0.0
     return cost_of_force(definition.reward, contact_force_n(definition))
 

@@ -185,13 +185,14 @@ def test_a_price_of_force_is_held_against_the_force_after_the_move_as_far_as_the
     price = settings.reward.force_per_n
     assert price > 0.0
     seen = set()
-    for entry in record_run(settings, SEED, EPISODES).journal:
+    for entry in record_run(settings, SEED, 30).journal:
+        for index in range(len(entry.steps)):
+            assert reward_trouble(settings, entry.steps, index, entry.summary) is None
         for index, step in enumerate(entry.steps[:-1]):
             at_once = entry.steps[index + 1].step == step.step + 1
             seen.add(at_once)
             most = 0.0 if step.action == INSERT else -1.0
             least = most - price * contact_n
-            assert reward_trouble(settings, entry.steps, index, entry.summary) is None
             for value, fits in ((most + 0.01, False), (least - 0.01, at_once and step.reward == least - 0.01)):
                 steps = changed([entry], 0, index, reward=value)[0].steps
                 assert (reward_trouble(settings, steps, index, entry.summary) is None) == fits
