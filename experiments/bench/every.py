@@ -120,6 +120,8 @@ def _row(figure: Figure, part: Any) -> Value:
     except (IndexError, KeyError, TypeError):
         left_out = part.get("left_out") if isinstance(part, Mapping) else None
         return {"what": figure.words, "left_out": left_out or "not measured"}
+    if isinstance(value, str):
+        return {"what": figure.words, "left_out": value}
     if isinstance(value, Mapping):
         return {"what": figure.words, "unit": figure.unit, **value}
     return {"what": figure.words, "unit": figure.unit, "median": value, "min": value, "max": value}

@@ -30,11 +30,11 @@ def reward_trouble(
     """Return what is wrong with the reward of a step of a finished episode, given the definition's reward function."""
     step = steps[index]
     allowed = _rewards(definition, steps, index, summary)
-    unknown = _unknown_cost(definition, steps, index, summary)
-    if step.reward in allowed or any(most - unknown <= (step.reward or 0.0) <= most for most in allowed):
+    unknown, got = _unknown_cost(definition, steps, index, summary), step.reward
+    if got is not None and any(most - unknown <= got <= most for most in allowed):
         return None
     expected = " or ".join(repr(value) for value in sorted(allowed))
-    return Trouble("reward", expected + (f", less by at most {unknown:g}" if unknown else ""), repr(step.reward))
+    return Trouble("reward", expected + (f", less by at most {unknown:g}" if unknown else ""), repr(got))
 
 
 def step_troubles(definition: Definition, steps: Sequence[JournalStep], index: int) -> Iterator[Trouble]:
@@ -78,7 +78,7 @@ def _rewards(
     if not last:
         then = steps[index + 1]
         after = potential.of(then.force_n, then.torque_nm)
-        if then.step == step.step + 1:
+        if _at_once(steps, index, summary):
             cost = cost_of_force(reward, math.hypot(*then.force_n))
     price = potential.price(_led_mm(definition, step), potential.of(step.force_n, step.torque_nm), after)
     earned = _moves_rewards(definition, steps, index, summary)
@@ -90,11 +90,16 @@ def _led_mm(definition: Definition, step: JournalStep) -> float:
     return increments(definition.moves)[step.action or 0].dz_mm
 
 
+def _at_once(steps: Sequence[JournalStep], index: int, summary: EpisodeSummary) -> bool:
+    """Return whether nothing was moved between a step's move and the next decision, or the episode's end."""
+    then = summary.moves if index == len(steps) - 1 else steps[index + 1].step
+    return then <= steps[index].step + 1
+
+
 def _unknown_cost(definition: Definition, steps: Sequence[JournalStep], index: int, summary: EpisodeSummary) -> float:
     """Return what a step's force may have cost that the journal does not tell: contact was lost, guidance went on."""
-    last = index == len(steps) - 1
-    then = summary.moves if last else steps[index + 1].step
-    if then == steps[index].step + 1 or (last and summary.outcome in ("collision", "no_progress")):
+    ended = index == len(steps) - 1 and summary.outcome in ("collision", "no_progress")
+    if ended or _at_once(steps, index, summary):
         return 0.0
     return cost_of_force(definition.reward, contact_force_n(definition))
 
@@ -108,12 +113,12 @@ def _moves_rewards(
     if isinstance(reward, InsertionReward) or dz_mm < 0.0:
         return frozenset({reward_of_move(reward, dz_mm, 1.0, 1.0)})
     before_n, contact_n = math.hypot(*step.force_n), contact_force_n(definition)
-    if not last and steps[index + 1].step == step.step + 1:
-        after_n = [math.hypot(*steps[index + 1].force_n)]
-    elif not last or summary.moves > step.step + 1:
+    if not _at_once(steps, index, summary):
         after_n = [0.0, math.nextafter(contact_n, 0.0)]  # guidance went on: the force had fallen below contact
-    else:
+    elif last:
         return frozenset({reward.fell, reward.rose, reward.otherwise})
+    else:
+        after_n = [math.hypot(*steps[index + 1].force_n)]
     return frozenset(reward_of_move(reward, dz_mm, before_n, force_n) for force_n in after_n)
 
 

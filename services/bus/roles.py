@@ -61,7 +61,7 @@ class Roles:
         """
         if others := self._others():
             return self._taken_error(others)
-        self.instance = f"{time.time_ns():020d}-{self._session.zid()}"
+        self.instance = f"{_named(time.time_ns())}-{self._session.zid()}"
         token = self._session.liveliness().declare_token(
             self.keys.of(name_of(CLAIM, service=self._name, instance=self.instance))
         )
@@ -87,10 +87,10 @@ class Roles:
             return
         holders.add(session)
         if role == self._name and instance < self.instance:
-            if _claimed_ns(self.instance) - _claimed_ns(instance) < _AT_ONCE_NS:
-                self._earlier[instance] = False
-            else:
+            if instance < _named(int(self.instance.partition("-")[0]) - _AT_ONCE_NS):
                 self.ousted = self._taken_error([instance])
+            else:
+                self._earlier[instance] = False
 
     def on_beat(self) -> None:
         """Give way to a claim made at once with ours that was not taken back."""
@@ -153,5 +153,6 @@ def take_role(
     return None
 
 
-def _claimed_ns(instance: str) -> int:
-    return int(instance.partition("-")[0])
+def _named(claimed_ns: int) -> str:
+    """Return how the names of claims of a time begin: later ones sort later."""
+    return f"{claimed_ns:020d}"

@@ -57,6 +57,13 @@ def test_what_was_left_out_says_why() -> None:
     assert "not measured" in "\n".join(every.lines(report(given)))
 
 
+def test_a_figure_that_says_why_it_is_not_there_is_left_out() -> None:
+    given = results()
+    given["sim"]["bare_mujoco_moves_per_s"] = "not measured: No module named 'mujoco'"
+    text = "\n".join(every.lines(report(given)))
+    assert "moves in contact: a bare MuJoCo loop" in text and "not measured: No module named 'mujoco'" in text
+
+
 def test_a_benchmark_that_fails_or_takes_too_long_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     def run(code: str, within_s: float) -> Any:
         monkeypatch.setattr(every, "module_command", lambda *_: [sys.executable, "-c", code])

@@ -196,6 +196,8 @@ def test_a_price_of_force_is_held_against_the_force_after_the_move_as_far_as_the
             for value, fits in ((most + 0.01, False), (least - 0.01, at_once and step.reward == least - 0.01)):
                 steps = changed([entry], 0, index, reward=value)[0].steps
                 assert (reward_trouble(settings, steps, index, entry.summary) is None) == fits
+            no_reward = changed([entry], 0, index, reward=None)[0].steps
+            assert reward_trouble(settings, no_reward, index, entry.summary) is not None
     assert seen == {True, False}
 
 

@@ -74,6 +74,14 @@ def test_who_has_to_give_way_to_an_earlier_holder_stops() -> None:
     assert isinstance(agent.ousted, RoleTakenError)
 
 
+def test_a_claim_without_a_time_is_an_early_one_and_no_fault() -> None:
+    agent = FakeService("agent", zid="a2")
+    agent.claim()
+    agent.bus.token(agent.keys.of(name_of(CLAIM, service="agent", instance="-no-time")), here=True)
+    agent.loop()
+    assert isinstance(agent.ousted, RoleTakenError)
+
+
 @pytest.mark.parametrize("stays", [True, False])
 def test_a_claim_made_at_once_with_ours_counts_when_it_stays(stays: bool) -> None:
     agent = FakeService("agent", zid="a2")
