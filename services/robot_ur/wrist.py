@@ -10,6 +10,7 @@ from services.robot_ur.settings import Wrist as Source
 from services.robot_ur.states import State
 from services.rules.ft_counts import FtCounts
 from services.rules.mount import Mount
+from services.rules.window import one_sample
 from services.wire.messages import Force, FtPacket, Torque
 
 NS = 1_000_000_000
@@ -75,15 +76,7 @@ class Wrist:
         return self.counts.quantised(force_n, torque_nm)
 
     def _packet(self, status: int) -> FtPacket:
-        force_n, torque_nm = self._load
-        return FtPacket(
-            sequence=self._sequence,
-            t_ns=self._t_ns,
-            period_ns=self._period_ns,
-            status=status,
-            force_n=(force_n,),
-            torque_nm=(torque_nm,),
-        )
+        return one_sample(self._sequence, self._t_ns, self._period_ns, status, self._load)
 
 
 class ControllerClock:

@@ -10,6 +10,9 @@ import zenoh
 from services.bus.opening import Opening
 from services.bus.service import Service
 from services.bus.session import open_client
+from services.ros2.messages import Messages
+from services.ros2.names import word
+from services.ros2.node import Node
 from services.ros2.settings import Graph
 from services.rules.settings import SettingError
 from services.wire.errors import CellError
@@ -19,7 +22,15 @@ _TRY_S = 2.0
 
 
 @contextmanager
-def session_with(service: Service, graph: Graph) -> Iterator[zenoh.Session | None]:
+def node_with(service: Service, graph: Graph, part: str = "") -> Iterator[Node | None]:
+    """Have a node of ROS 2 that is named after the cell and ``part``; otherwise as ``_session_with``."""
+    with _session_with(service, graph) as session:
+        name = f"treenail_{word(service.keys.cell)}{part}"
+        yield None if session is None else Node(session, graph.domain, name, Messages(graph.chosen))
+
+
+@contextmanager
+def _session_with(service: Service, graph: Graph) -> Iterator[zenoh.Session | None]:
     """Have a session with ROS's router, waiting for it, saying loudly that it is missing; None when stopped before.
 
     Raises SettingError for a secured cell whose own router is meant: it carries nothing but the cell's keys.

@@ -35,7 +35,8 @@ class Node:
     def __init__(self, session: zenoh.Session, domain: int, name: str, messages: Messages) -> None:
         """Say that it is there. Raises BadNameError."""
         self.domain, self.messages = domain, messages
-        self._session, self._zid, self._name = session, str(session.zid()), names.checked_node(name)
+        self.name = names.checked_node(name)
+        self._session, self._zid = session, str(session.zid())
         self._numbers = 0
         self._declared: list[object] = []
         self._declare(names.node_token(domain, self._zid, name))
@@ -103,7 +104,7 @@ class Node:
         token = names.endpoint_token(
             self.domain,
             self._zid,
-            self._name,
+            self.name,
             what,
             self._numbers,
             topic,

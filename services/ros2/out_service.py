@@ -19,8 +19,8 @@ from dataclasses import dataclass, field
 from services.bus.onlooker import Inlet, Question
 from services.bus.service import Options, Service
 from services.ros2 import messages, names
-from services.ros2.graph import session_with
-from services.ros2.messages import Messages, Wrench
+from services.ros2.graph import node_with
+from services.ros2.messages import Wrench
 from services.ros2.node import Node
 from services.ros2.settings import Graph
 from services.ros2.tip import Tip
@@ -110,12 +110,10 @@ def serve(options: Options, settings: Settings) -> None:
     """Publish until stopped."""
     with Service("ros2_out", options) as service:
         service.claim()
-        with session_with(service, settings.graph) as session:
-            if session is None:
+        with node_with(service, settings.graph) as node:
+            if node is None:
                 return
-            cell = names.word(service.keys.cell)
-            prefix = settings.prefix or f"/treenail/{cell}"
-            node = Node(session, settings.graph.domain, f"treenail_{cell}", Messages(settings.graph.chosen))
+            prefix = settings.prefix or f"/treenail/{names.word(service.keys.cell)}"
             shell = OutShell(service, node, prefix)
             service.ready()
             service.log.info("ROS 2: %s/wrench and more in domain %d", prefix, settings.graph.domain)

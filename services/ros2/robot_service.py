@@ -9,10 +9,9 @@ from services.bus.robot import Manner, RobotShell
 from services.bus.service import Options, Service
 from services.ros2 import messages
 from services.ros2.errors import FrameError, Ros2Error, SampleError
-from services.ros2.graph import session_with
-from services.ros2.messages import Messages
+from services.ros2.graph import node_with
 from services.ros2.motion import Arm, Script
-from services.ros2.names import Endpoint, Qos, word
+from services.ros2.names import Endpoint, Qos
 from services.ros2.node import Node, Sample
 from services.ros2.robot_link import Link, Told
 from services.ros2.robot_settings import Settings
@@ -27,12 +26,10 @@ def serve(options: Options, settings: Settings) -> None:
     """Run the service until it is stopped."""
     with Service("ros2_robot", options) as service:
         service.claim()
-        with session_with(service, settings.graph) as session:
-            if session is None:
+        with node_with(service, settings.graph, "_robot") as node:
+            if node is None:
                 return
-            name = f"treenail_{word(service.keys.cell)}_robot"
-            node = Node(session, settings.graph.domain, name, Messages(settings.graph.chosen))
-            topics = Topics(service, node, settings, name)
+            topics = Topics(service, node, settings)
             arm = Arm(settings)
             shell: RosShell
             link = Link(topics, arm, settings, lambda error: shell.lost(error))
@@ -44,8 +41,8 @@ def serve(options: Options, settings: Settings) -> None:
 class Topics:
     """The controller's topics."""
 
-    def __init__(self, service: Service, node: Node, settings: Settings, name: str) -> None:
-        self._service, self._node, self._settings, self._name = service, node, settings, name
+    def __init__(self, service: Service, node: Node, settings: Settings) -> None:
+        self._service, self._node, self._settings = service, node, settings
         self._messages = node.messages
         self._target = node.publisher(settings.target, messages.POSE)
         self._motion = node.publisher(f"{settings.target}/{MOTION}", messages.STRING) if settings.tell else None
@@ -69,7 +66,7 @@ class Topics:
 
     def there(self) -> list[Endpoint]:
         """See robot_link.Controller."""
-        return [one for one in self._node.there() if one.node != self._name]
+        return [one for one in self._node.there() if one.node != self._node.name]
 
     def drain(self, link: Link) -> None:
         """Give the link what has come; refuse and count what cannot be used."""

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 from services.bus.opening import Opening
 from services.bus.service import Options, Service
 from services.ros2.errors import ClockError, FrameError, MessageError, PeerError, Ros2Error, SampleError, SilentError
-from services.ros2.graph import session_with
-from services.ros2.messages import WRENCH, Messages
-from services.ros2.names import Endpoint, Qos, word
+from services.ros2.graph import node_with
+from services.ros2.messages import WRENCH
+from services.ros2.names import Endpoint, Qos
 from services.ros2.node import Node, Sample, nobody, publishers
 from services.ros2.settings import Graph
 from services.ros2.stream import CHANGED, LOST, NOT_ZEROED, Stream
@@ -55,12 +55,9 @@ def serve(options: Options, settings: Settings) -> None:
     """Run the sensor until it is stopped."""
     with Service("ros2_sensor", options) as service:
         service.claim()
-        with session_with(service, settings.graph) as session:
-            if session is None:
-                return
-            name = f"treenail_{word(service.keys.cell)}_sensor"
-            node = Node(session, settings.graph.domain, name, Messages(settings.graph.chosen))
-            SensorShell(service, settings, node).run()
+        with node_with(service, settings.graph, "_sensor") as node:
+            if node is not None:
+                SensorShell(service, settings, node).run()
 
 
 class SensorShell:

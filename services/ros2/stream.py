@@ -11,6 +11,7 @@ from services.ros2.errors import ClockError, FrameError, SampleError
 from services.ros2.messages import Wrench
 from services.rules.mount import Mount
 from services.rules.senses import LeastDelay
+from services.rules.window import one_sample
 from services.wire.messages import Force, FtPacket, Torque
 
 NS = 1_000_000_000
@@ -97,12 +98,4 @@ class Stream:
         self._delay.heard(stamp_ns, came_ns)
 
     def _packet(self, status: int) -> FtPacket:
-        force_n, torque_nm = self._load
-        return FtPacket(
-            sequence=self._sequence,
-            t_ns=self._t_ns,
-            period_ns=self._period_ns,
-            status=status,
-            force_n=(force_n,),
-            torque_nm=(torque_nm,),
-        )
+        return one_sample(self._sequence, self._t_ns, self._period_ns, status, self._load)

@@ -168,6 +168,14 @@ def _of(loads: Sequence[Load], sequence: int, t_ns: int, period_ns: int) -> FtPa
     return FtPacket(sequence=sequence, t_ns=t_ns, period_ns=period_ns, force_n=forces, torque_nm=torques)
 
 
+def one_sample(sequence: int, t_ns: int, period_ns: int, status: int, load: Load) -> FtPacket:
+    """Return a packet of a stream that tells each sample by itself."""
+    force_n, torque_nm = load
+    return FtPacket(
+        sequence=sequence, t_ns=t_ns, period_ns=period_ns, status=status, force_n=(force_n,), torque_nm=(torque_nm,)
+    )
+
+
 class Rolling:
     """The mean over the newest window of a stream, for a guard that looks at what is felt at any time."""
 

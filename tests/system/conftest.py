@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Protocol
@@ -55,6 +57,33 @@ def after_actions(wait_until: Callable[..., None]) -> Callable[[str, int], None]
             session.close()  # type: ignore[no-untyped-call]
 
     return wait
+
+
+@pytest.fixture
+def kill_after(
+    after_actions: Callable[[str, int], None], wait_until: Callable[..., None]
+) -> Callable[[Any, str, str, int], None]:
+    """Kills a child of a running ``treenail up`` by its name, once the agent of its cell has acted so often."""
+
+    def kill(process: Any, endpoint: str, victim: str, actions: int) -> None:
+        after_actions(endpoint, actions)
+        wait_until(f"{victim} runs", lambda: victim in process.children())
+        os.kill(process.children()[victim], signal.SIGKILL)
+
+    return kill
+
+
+@pytest.fixture
+def refused_up(run_module: Callable[..., Any]) -> Callable[..., str]:
+    """Runs a ``treenail up`` that is refused, and returns the one line that says why."""
+
+    def refused(*words: str) -> str:
+        process = run_module("treenail.__main__", "up", *words)
+        assert process.end() == 2
+        assert process.err.count("\n") == 1
+        return str(process.err)
+
+    return refused
 
 
 @pytest.fixture

@@ -195,6 +195,11 @@ def session(port: int) -> Iterator[zenoh.Session]:
     made.close()  # type: ignore[no-untyped-call]
 
 
+def _skip_without(who: str) -> None:
+    if importlib.util.find_spec(who) is None:
+        pytest.skip(f"{who} is not installed: pip install {who.replace('_', '-')}")
+
+
 @pytest.mark.parametrize("who", HEARS)
 def test_what_is_felt_is_read_by_a_peer(
     who: str,
@@ -204,8 +209,7 @@ def test_what_is_felt_is_read_by_a_peer(
     run_module: Callable[..., Any],
     wait_until: Callable[..., None],
 ) -> None:
-    if importlib.util.find_spec(who) is None:
-        pytest.skip(f"{who} is not installed: pip install {who.replace('_', '-')}")
+    _skip_without(who)
     messages = Messages()
     run_module("services.ros2.out", "--connect", f"tcp/127.0.0.1:{port}")
     judge = peer(HEARS[who], port, TOPIC, WRENCH, messages.definition(WRENCH), messages.type_hash(WRENCH), FRAMES)
@@ -249,8 +253,7 @@ def test_what_a_peer_publishes_is_felt(
     run_module: Callable[..., Any],
     wait_until: Callable[..., None],
 ) -> None:
-    if importlib.util.find_spec(who) is None:
-        pytest.skip(f"{who} is not installed: pip install {who.replace('_', '-')}")
+    _skip_without(who)
     messages, felt = Messages(), list[FtPacket]()
     subscriber = session.declare_subscriber(
         KEYS.of(FT), lambda sample: felt.append(decode(FtPacket, sample.payload.to_bytes(), str(sample.encoding)))

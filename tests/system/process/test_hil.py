@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -59,16 +57,13 @@ def test_any_process_of_it_may_be_killed(
     reference: Callable[..., dict[str, str]],
     digests_in: Callable[[Path], dict[str, str]],
     endpoint_of: Callable[[Path], str],
-    after_actions: Callable[[str, int], None],
-    wait_until: Callable[..., None],
+    kill_after: Callable[..., None],
     tmp_path: Path,
 ) -> None:
     process = up_hil(episodes=LONG)
     endpoint = endpoint_of(tmp_path / "A")
     for victim in ("robot_link", "sensor_jr3", "robot_link.emulator", "sensor_jr3.emulator", "sim", "task", "agent"):
-        after_actions(endpoint, 8)
-        wait_until(f"{victim} runs", lambda victim=victim: victim in process.children())
-        os.kill(process.children()[victim], signal.SIGKILL)
+        kill_after(process, endpoint, victim, 8)
     assert process.end() == 0, process.err
     assert process.out.count("was killed by SIGKILL; starting it again") == 7
     assert digests_in(tmp_path / "A") == reference(LONG, 1, *FULL_SCALES)
@@ -79,17 +74,14 @@ def test_windows_and_tares_of_single_samples_come_to_the_same_from_random_starts
     reference: Callable[..., dict[str, str]],
     digests_in: Callable[[Path], dict[str, str]],
     endpoint_of: Callable[[Path], str],
-    after_actions: Callable[[str, int], None],
-    wait_until: Callable[..., None],
+    kill_after: Callable[..., None],
     tmp_path: Path,
 ) -> None:
     """The noisy sensor with a heavy tool: the emulated card plays the samples, each mean is made of what was read."""
     process = up_hil("--experiment", "suite-heavy-tool", episodes=2)
     endpoint = endpoint_of(tmp_path / "A")
     for victim in ("robot_link", "task"):  # one of the sensor's would need `treenail resume`: its zero is lost
-        after_actions(endpoint, 8)
-        wait_until(f"{victim} runs", lambda victim=victim: victim in process.children())
-        os.kill(process.children()[victim], signal.SIGKILL)
+        kill_after(process, endpoint, victim, 8)
     assert process.end() == 0, process.err
     sets = (*FULL_SCALES, "start.decimals=4")
     assert digests_in(tmp_path / "A") == reference(2, 1, *sets, experiment="suite-heavy-tool")
@@ -105,9 +97,6 @@ def test_windows_and_tares_of_single_samples_come_to_the_same_from_random_starts
     ],
 )
 def test_options_that_do_not_go_together_are_one_line(
-    run_module: Callable[..., Any], words: tuple[str, ...], complaint: str
+    refused_up: Callable[..., str], words: tuple[str, ...], complaint: str
 ) -> None:
-    process = run_module("treenail.__main__", "up", *words)
-    assert process.end() == 2
-    assert complaint in process.err
-    assert process.err.count("\n") == 1
+    assert complaint in refused_up(*words)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -40,16 +38,13 @@ def test_an_arm_behind_topics_learns_the_same_whichever_process_is_killed(
     reference: Callable[..., dict[str, str]],
     digests_in: Callable[[Path], dict[str, str]],
     endpoint_of: Callable[[Path], str],
-    after_actions: Callable[[str, int], None],
-    wait_until: Callable[..., None],
+    kill_after: Callable[..., None],
     tmp_path: Path,
 ) -> None:
     process = up(tmp_path / "A", LONG, "--robot", "emulated", "--experiment", SUITE, cell="ros2")
     endpoint = endpoint_of(tmp_path / "A")
     for victim in ("ros2.robot", "ros2.emulator", "ros2.sensor", "sim", "task"):
-        after_actions(endpoint, 8)
-        wait_until(f"{victim} runs", lambda victim=victim: victim in process.children())
-        os.kill(process.children()[victim], signal.SIGKILL)
+        kill_after(process, endpoint, victim, 8)
     assert process.end(120.0) == 0, process.err
     assert process.out.count("was killed by SIGKILL; starting it again") == 5
     assert digests_in(tmp_path / "A") == reference(LONG, 1, *FULL_SCALES, "start.decimals=4", experiment=SUITE)
@@ -66,9 +61,6 @@ def test_an_arm_behind_topics_learns_the_same_whichever_process_is_killed(
     ],
 )
 def test_options_that_do_not_go_together_are_one_line(
-    run_module: Callable[..., Any], words: tuple[str, ...], complaint: str
+    refused_up: Callable[..., str], words: tuple[str, ...], complaint: str
 ) -> None:
-    process = run_module("treenail.__main__", "up", *words)
-    assert process.end() == 2
-    assert complaint in process.err
-    assert process.err.count("\n") == 1
+    assert complaint in refused_up(*words)

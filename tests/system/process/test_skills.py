@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -55,17 +54,14 @@ def test_begun_with_a_skill_a_cell_ends_as_the_run_in_one_process(
     reference: Callable[..., Digests],
     digests_in: Callable[[Path], Digests],
     endpoint_of: Callable[[Path], str],
-    after_actions: Callable[[str, int], None],
-    wait_until: Callable[..., None],
+    kill_after: Callable[..., None],
     tmp_path: Path,
 ) -> None:
     out = tmp_path / "A"
     process = up(out, EPISODES, "--skill", str(file))
     endpoint = endpoint_of(out)
     for victim in ("agent", "task", "agent", "classifier"):
-        after_actions(endpoint, 9)
-        wait_until(f"{victim} runs", lambda victim=victim: victim in process.children())
-        os.kill(process.children()[victim], signal.SIGKILL)
+        kill_after(process, endpoint, victim, 9)
     assert process.end() == 0, process.err
     assert process.err == ""
     assert process.out.count("was killed by SIGKILL; starting it again") == 4

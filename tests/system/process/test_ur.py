@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import signal
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -35,16 +33,13 @@ def test_the_suite_s_task_is_learnt_as_in_one_process_whichever_process_is_kille
     reference: Callable[..., dict[str, str]],
     digests_in: Callable[[Path], dict[str, str]],
     endpoint_of: Callable[[Path], str],
-    after_actions: Callable[[str, int], None],
-    wait_until: Callable[..., None],
+    kill_after: Callable[..., None],
     tmp_path: Path,
 ) -> None:
     process = up_ur("--robot", "emulated", "--experiment", SUITE)
     endpoint = endpoint_of(tmp_path / "A")
     for victim in ("robot_ur", "robot_ur.emulator", "sim", "task", "agent"):
-        after_actions(endpoint, 8)
-        wait_until(f"{victim} runs", lambda victim=victim: victim in process.children())
-        os.kill(process.children()[victim], signal.SIGKILL)
+        kill_after(process, endpoint, victim, 8)
     assert process.end() == 0, process.err
     assert "the sensor is read in counts" in process.out
     assert process.out.count("was killed by SIGKILL; starting it again") == 5
@@ -77,9 +72,6 @@ def test_listed_moves_and_windows_of_the_wrist_s_samples_come_to_the_same(
     ],
 )
 def test_options_that_do_not_go_together_are_one_line(
-    run_module: Callable[..., Any], words: tuple[str, ...], complaint: str
+    refused_up: Callable[..., str], words: tuple[str, ...], complaint: str
 ) -> None:
-    process = run_module("treenail.__main__", "up", *words)
-    assert process.end() == 2
-    assert complaint in process.err
-    assert process.err.count("\n") == 1
+    assert complaint in refused_up(*words)

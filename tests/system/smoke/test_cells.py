@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import os
 import random
-import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -44,17 +42,14 @@ def test_killing_every_process_in_turn_changes_nothing(
     reference: Callable[..., Digests],
     digests_in: Callable[[Path], Digests],
     endpoint_of: Callable[[Path], str],
-    after_actions: Callable[[str, int], None],
-    wait_until: Callable[..., None],
+    kill_after: Callable[..., None],
     tmp_path: Path,
 ) -> None:
     draw = random.Random(10)
     process = up(tmp_path / "A", DISTURBED)
     endpoint = endpoint_of(tmp_path / "A")
     for victim in draw.sample(SERVICES, len(SERVICES)):
-        after_actions(endpoint, draw.randrange(1, 25))
-        wait_until(f"{victim} runs", lambda victim=victim: victim in process.children())
-        os.kill(process.children()[victim], signal.SIGKILL)
+        kill_after(process, endpoint, victim, draw.randrange(1, 25))
     assert process.end() == 0, process.err
     assert process.err == ""
     assert digests_in(tmp_path / "A") == reference(DISTURBED)
