@@ -59,7 +59,8 @@ def open_router(
     except zenoh.ZError as error:
         where = ", ".join(endpoint for endpoint in endpoints if not endpoint.startswith(SCHEME)) or endpoints[0]
         raise CellError(f"router: cannot listen on {where}: is the port taken? ({brief(error)})") from None
-    for key in (FOR_ALL, FOR_THE_CELL):
+    # In this order: who gets an answer to the second and none to the first is a guest, also while we start.
+    for key in (FOR_THE_CELL, FOR_ALL):
         session.declare_queryable(key, _say_so, complete=True)
     return session
 
