@@ -2,25 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from msgspec.structs import replace
 
 from experiments.evaluate.controllers import Choice
 from services.agent.fold import learner_of
+from services.agent.learning import Learner
+from services.agent.policies import choose
 from services.classifier.fold import classifier_of
 from services.rules.plugins import feels
 from services.rules.skill import NamedSkill, fits
+from services.rules.skill_memory import untried
 from services.rules.swaps import in_force
-from services.rules.wrench import Reference
-from services.wire.definition import Definition, Greedy
+from services.rules.wrench import Reference, Wrench
+from services.wire.definition import Definition, Greedy, Plugin
 from services.wire.errors import UnusableError
 from services.wire.messages import Observation
+from services.wire.randomness import Role, generator
 
 
 class FrozenSkill:
     """What was learnt, applied to a task that it may never have seen.
 
     A force vector that fits no contact state is one of a state without values: every move is as good there, and one is
-    drawn. Raises SkillError when the skill does not fit the task's moves and sensor.
+    drawn. A move that was never learnt from in any state, as in a skill that was carried over from other moves, is not
+    known and never made. Raises SkillError when the skill does not fit the task's moves and sensor.
     """
 
     def __init__(self, skill: NamedSkill, definition: Definition, seed: int) -> None:
@@ -32,6 +39,10 @@ class FrozenSkill:
         self._learner.restore(skill.skill.agent)
         self._reference = Reference(definition)
         self._strange = self._classifier.states
+        self._seed = seed
+        never = () if isinstance(learnt.learner, Plugin) else untried(skill.skill.agent)
+        self._known = [action for action in range(definition.moves.count) if action not in never]
+        self._all_known = not never or not self._known
 
     def begin(self) -> None:
         """Begin an episode; there is nothing to forget."""
@@ -44,6 +55,23 @@ class FrozenSkill:
         except ValueError as error:
             raise UnusableError(f"observation: decision {felt.decision}: {error}") from error
         state = self._strange if state < 0 else state
+        if not self._all_known:
+            return Choice(self._best_known(state, wrench, felt), state)
         if feels(self._learner):
             return Choice(self._learner.decide_felt(None, state, wrench, felt.episode, felt.step), state)
         return Choice(self._learner.decide(None, state, felt.episode, felt.step), state)
+
+    def _best_known(self, state: int, wrench: Wrench, felt: Observation) -> int:
+        """Return the best of the moves that were ever learnt from; of equals one is drawn."""
+        uniform = generator(self._seed, Role.POLICY, felt.episode, felt.step).random()
+        values = self._values(state, wrench, felt.episode)
+        return self._known[choose([values[action] for action in self._known], Greedy(), 0, uniform)]
+
+    def _values(self, state: int, wrench: Wrench, episode: int) -> Sequence[float]:
+        """Return what each move is worth."""
+        if feels(self._learner):
+            values: list[float] = self._learner.opinion(state, wrench, episode).values.tolist()
+            return values
+        assert isinstance(self._learner, Learner)
+        row: list[float] = self._learner.values(state).tolist()
+        return row

@@ -76,6 +76,14 @@ def check_classifier(memory: Memory, settings: Art2Settings) -> int:
     return states
 
 
+def untried(memory: Memory) -> tuple[int, ...]:
+    """Return the actions in the memory of a learner of Treenail's own that were never learnt from, in any state."""
+    actions, visits = number(memory, "actions"), memory["visits"]
+    assert isinstance(visits, bytes)
+    tried = np.frombuffer(visits, "<i8").reshape(-1, actions).any(axis=0)
+    return tuple(int(action) for action in np.flatnonzero(~tried))
+
+
 def number(memory: Memory, name: str) -> int:
     """Return a whole number of 0 or more from a memory. Raises BadPayloadError."""
     value = memory.get(name)

@@ -1,4 +1,4 @@
-"""``treenail checkpoint``: list, show, export and import what was learnt."""
+"""``treenail checkpoint``: list, show, export, import and map what was learnt."""
 
 from __future__ import annotations
 
@@ -21,7 +21,9 @@ from services.cell.terminal import console
 from services.rules import skill as skill_file
 from services.rules.command_line import number, whole
 from services.rules.skill import NamedSkill
+from services.rules.skill_moves import carried
 from services.rules.swaps import in_force, kind_of, words
+from services.wire.definition_file import load
 from services.wire.errors import CellError, ContractError
 from services.wire.keys import LATEST
 from services.wire.messages import Experiment
@@ -39,7 +41,7 @@ _SKILL_HEADINGS = ("skill", "run", "episodes", "states", "version", "bytes", "ch
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
-    commands = parser.add_subparsers(metavar="list|show|export|import", required=True)
+    commands = parser.add_subparsers(metavar="list|show|export|import|map", required=True)
     add = commands.add_parser("list", help="what the store of a cell has")
     add.add_argument("--json", action="store_true", help="as JSON")
     add.set_defaults(command=_list)
@@ -72,6 +74,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add.add_argument("--yes", action="store_true", help="give up a run under way without asking")
     add.set_defaults(command=_import)
     client.add_arguments(add)
+    add = commands.add_parser("map", help="make of a skill one for a task with other moves: those of one name are kept")
+    add.add_argument("file", type=Path, metavar="FILE")
+    add.add_argument("out", type=Path, metavar="OUT")
+    add.add_argument("--experiment", required=True, metavar="NAME_OR_FILE", help="the task whose moves it is to have")
+    add.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a setting of that task")
+    add.add_argument("--force", action="store_true", help="replace the file if there is one")
+    add.set_defaults(command=_map)
 
 
 def _add_place(parser: argparse.ArgumentParser) -> None:
@@ -92,7 +101,7 @@ def _store(arguments: argparse.Namespace) -> Iterator[Stored]:
 
 
 def act(arguments: argparse.Namespace) -> None:
-    """Do one of the four."""
+    """Do one of the five."""
     arguments.command(arguments)
 
 
@@ -108,6 +117,15 @@ def _export(arguments: argparse.Namespace) -> None:
         f"{arguments.file}: skill {found.sha256[:12]} of run {run.name} after episode {until}: "
         f"{found.states} contact states, {found.version} updates"
     )
+
+
+def _map(arguments: argparse.Namespace) -> None:
+    """Write a skill with the moves of another task, which it then fits in all else too."""
+    task = load(arguments.experiment, arguments.set)
+    made = carried(skill_file.read(arguments.file), task)
+    skill_file.fits(made.skill.skill, task)
+    skill_file.write(arguments.out, made.skill, force=arguments.force)
+    print(f"{arguments.out}: skill {made.skill.sha256[:12]} with the moves of {task.name}: {made.text}")
 
 
 def _import(arguments: argparse.Namespace) -> None:
@@ -235,6 +253,7 @@ def _described(skill: NamedSkill) -> Row:
     return {
         **_named(skill),
         "experiment": inside.definition.name,
+        "source": inside.definition.source,
         "definition": inside.definition_sha256,
         "classifier": kind_of(kinds.classifier),
         "learner": kind_of(kinds.learner),
