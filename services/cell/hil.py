@@ -34,7 +34,7 @@ def is_card_rate(rate_hz: int) -> bool:
 
 @dataclass(frozen=True)
 class Hil:
-    """How the emulated hardware is spoken to, and where on this machine."""
+    """Emulated hardware: how it is spoken to, and where on this machine. See services.cell.plan.Hardware."""
 
     link: str
     """One of LINKS."""
@@ -46,7 +46,31 @@ class Hil:
     """Address of the emulated receiver card, as host:port."""
     emulated: bool = True
     services: tuple[str, ...] = ("robot_link", "sensor_jr3")
-    """What is in the cell itself."""
+
+    def overrides(self, definition: Definition) -> Sequence[str]:
+        """See Hardware."""
+        return for_emulated(definition, "hil", is_card_rate, RATE_HZ)
+
+    def commands(self, cell: str, endpoint: str, sensor: Sensor) -> dict[str, tuple[str, ...]]:
+        """See Hardware: simulator, both emulators, both drivers."""
+        here = ("--cell", cell, "--connect", endpoint)
+        world = f"{cell}-world"
+        mode = ("--mode", self.link)
+        baud = ("--baud", str(THESIS_BAUD)) if self.thesis_speed else ()
+        slow = (*baud, "--motion-s", str(THESIS_MOTION_S)) if self.thesis_speed else ()
+        scales = ",".join(str(scale) for scale in 3 * [sensor.full_scale_n] + 3 * [sensor.full_scale_dnm])
+        follow = ("--world", world, "--sensor-s", str(SENSOR_S), "--prompt", "arrived")
+        plugged = ("--calibration-s", "0", "--no-auto-zero", "--no-filters", "--full-scales", scales)
+        rate = ("--rate-hz", str(sensor.rate_hz if is_card_rate(sensor.rate_hz) else RATE_HZ))
+        keep = ("--full-scales", "keep", "--settle-s", "0", *rate)
+        ideal = ("--prompt", "arrived", "--settle-s", "0", "--speed", "100", "--tell-episode", "--auto-resume")
+        return {
+            "sim": ("--cell", world, "--connect", endpoint),
+            "robot_link.emulator": (*here, "--listen", self.arm, *follow, *mode, *slow),
+            "sensor_jr3.emulator": (*here, "--listen", self.card, "--follow", world, *plugged, *rate),
+            "sensor_jr3": (*here, "--url", f"tcp://{self.card}", *keep),
+            "robot_link": (*here, "--url", f"socket://{self.arm}", *ideal, *mode, *baud),
+        }
 
 
 def emulated(link: str = "terminal", *, thesis_speed: bool = False) -> Hil:
@@ -55,9 +79,7 @@ def emulated(link: str = "terminal", *, thesis_speed: bool = False) -> Hil:
     return Hil(link, thesis_speed, arm, card)
 
 
-def overrides(
-    definition: Definition, profile: str = "hil", rates: Callable[[int], bool] = is_card_rate, rate_hz: int = RATE_HZ
-) -> Sequence[str]:
+def for_emulated(definition: Definition, profile: str, rates: Callable[[int], bool], rate_hz: int) -> Sequence[str]:
     """Return what has to be set in a definition so that emulated hardware can make its starts and give its forces.
 
     Forces are in whole counts; random starts are on the grid of the emulated arm; where several samples make a force,
@@ -75,25 +97,3 @@ def overrides(
         *((f"start.decimals={DECIMALS}",) if off_grid else ()),
         *((f"sensor.rate_hz={rate_hz}",) if several and not rates(sensor.rate_hz) else ()),
     )
-
-
-def commands(hardware: Hil, cell: str, endpoint: str, sensor: Sensor) -> dict[str, tuple[str, ...]]:
-    """Return the options of the simulator, both emulators and both drivers, in the order of starting."""
-    here = ("--cell", cell, "--connect", endpoint)
-    world = f"{cell}-world"
-    mode = ("--mode", hardware.link)
-    baud = ("--baud", str(THESIS_BAUD)) if hardware.thesis_speed else ()
-    slow = (*baud, "--motion-s", str(THESIS_MOTION_S)) if hardware.thesis_speed else ()
-    scales = ",".join(str(scale) for scale in 3 * [sensor.full_scale_n] + 3 * [sensor.full_scale_dnm])
-    follow = ("--world", world, "--sensor-s", str(SENSOR_S), "--prompt", "arrived")
-    plugged = ("--calibration-s", "0", "--no-auto-zero", "--no-filters", "--full-scales", scales)
-    rate = ("--rate-hz", str(sensor.rate_hz if is_card_rate(sensor.rate_hz) else RATE_HZ))
-    keep = ("--full-scales", "keep", "--settle-s", "0", *rate)
-    ideal = ("--prompt", "arrived", "--settle-s", "0", "--speed", "100", "--tell-episode", "--auto-resume")
-    return {
-        "sim": ("--cell", world, "--connect", endpoint),
-        "robot_link.emulator": (*here, "--listen", hardware.arm, *follow, *mode, *slow),
-        "sensor_jr3.emulator": (*here, "--listen", hardware.card, "--follow", world, *plugged, *rate),
-        "sensor_jr3": (*here, "--url", f"tcp://{hardware.card}", *keep),
-        "robot_link": (*here, "--url", f"socket://{hardware.arm}", *ideal, *mode, *baud),
-    }

@@ -6,27 +6,42 @@ import socket
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from services.bus import ports
 from services.bus.access import ROUTER
 from services.bus.tls import identity
-from services.cell import hil, ur
-from services.cell.hil import Hil
-from services.cell.ros2 import OUT, Graph, RosArm
-from services.cell.ros2 import overrides as ros2_overrides
-from services.cell.ur import Ur
+from services.cell.ros2 import OUT, Graph
 from services.rules import plugins
 from services.rules import skill as skill_file
 from services.rules.skill import NamedSkill
 from services.rules.swaps import digest
 from services.rules.swaps import planned as planned_swaps
-from services.wire.definition import Definition
+from services.wire.definition import Definition, Sensor
 from services.wire.definition_file import check_run, definition_sha256, find, load, run_id
 from services.wire.errors import CellError
 from services.wire.keys import OPERATOR, Keys
 
 WORKERS_AND_TASK = ("store", "task", "classifier", "agent")
 """The services of a cell in which a run can be made, beside the router and what moves and feels."""
+
+
+class Hardware(Protocol):
+    """What moves and feels in a cell in the simulator's place: hil.Hil, ur.Ur, ros2.RosArm."""
+
+    @property
+    def emulated(self) -> bool:
+        """Whether a simulator is behind it."""
+
+    @property
+    def services(self) -> tuple[str, ...]:
+        """What is in the cell itself, and needs a certificate there."""
+
+    def overrides(self, definition: Definition) -> Sequence[str]:
+        """Return what has to be set in a definition for it. Raises CellError for what it cannot make."""
+
+    def commands(self, cell: str, endpoint: str, sensor: Sensor) -> dict[str, tuple[str, ...]]:
+        """Return the options of its services by name, in the order of starting."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +105,7 @@ class Plan:
     """The router's, on 127.0.0.1."""
     certs: Path | None
     """Folder of ``treenail certs``; None for a cell without certificates."""
-    hardware: Hil | RosArm | Ur | None
+    hardware: Hardware | None
     """Robot and sensor, emulated or real; None for the simulator in their place."""
     viewer: Viewer | None
     ros2: Graph | None
@@ -126,7 +141,7 @@ def make_plan(
     out: Path | None = None,
     port: int = 0,
     certs: Path | None = None,
-    hardware: Hil | RosArm | Ur | None = None,
+    hardware: Hardware | None = None,
     viewer: Viewer | None = None,
     ros2: Graph | None = None,
     fresh: bool = False,
@@ -140,7 +155,7 @@ def make_plan(
     sets = tuple(overrides)
     definition = load(experiment, sets)
     if hardware is not None:
-        sets += tuple(_overrides(hardware, definition))
+        sets += tuple(hardware.overrides(definition))
         definition = load(experiment, sets)
     plugins.check(definition)
     length = definition.episodes if episodes is None else episodes
@@ -198,9 +213,3 @@ def _checked_port(host: str, port: int, option: str) -> int:
         return ports.free_port(host, port)
     except (OSError, OverflowError) as error:
         raise CellError(f"{option} {port}: cannot listen on {host}:{port}: {error}; try another, or 0") from None
-
-
-def _overrides(hardware: Hil | RosArm | Ur, definition: Definition) -> Sequence[str]:
-    if isinstance(hardware, Ur):
-        return ur.overrides(hardware, definition)
-    return ros2_overrides(definition) if isinstance(hardware, RosArm) else hil.overrides(definition)

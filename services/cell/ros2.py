@@ -1,4 +1,4 @@
-"""``treenail up ... --ros2``: the cell as topics of ROS 2; ``treenail up ros2``: an emulated arm of ROS 2.
+"""``treenail up ... --ros2``: the cell as topics of ROS 2; ``treenail up ros2``: an arm of ROS 2, emulated or there.
 
 Without a router of ROS's own, its processes meet the cell's, which lets them speak in their domain.
 """
@@ -6,7 +6,7 @@ Without a router of ROS's own, its processes meet the cell's, which lets them sp
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from services.cell import hil
 from services.wire.definition import Definition, Sensor
@@ -47,36 +47,53 @@ _CONTROLLER = ("--target", "/compliance/target_frame", "--pose", "/compliance/cu
 
 @dataclass(frozen=True)
 class RosArm:
-    """An emulated arm behind a Cartesian controller of ROS 2, and its sensor.
+    """An arm behind a Cartesian controller of ROS 2, and its sensor. See services.cell.plan.Hardware.
 
-    task -> ros2_robot -> target_frame -> emulated controller -> sim -> current_pose, wrench -> ros2_robot, ros2_sensor
+    task -> ros2_robot -> target_frame -> controller -> current_pose, wrench -> ros2_robot, ros2_sensor
+
+    Where nothing is said, both are emulated, in front of a simulator.
     """
 
-    emulated: bool = True
-    services: tuple[str, ...] = ("ros2_robot", "ros2_sensor")
-    """What is in the cell itself."""
+    options: tuple[str, ...] = ()
+    """Of ``ros2_robot``, as on its command line; none for the emulated arm."""
+    sensor: tuple[str, tuple[str, ...]] = ("ros2_sensor", ())
+    """The sensor's service, and its options."""
+    graph: Graph = field(default_factory=Graph)
+    """Where the arm is."""
 
+    @property
+    def emulated(self) -> bool:
+        """See Hardware."""
+        return not self.options
 
-def overrides(definition: Definition) -> Sequence[str]:
-    """Return what has to be set in a definition for the emulated arm. Raises CellError for what it cannot make."""
-    return hil.overrides(definition, "ros2", is_rate, RATE_HZ)
+    @property
+    def services(self) -> tuple[str, ...]:
+        """See Hardware."""
+        return ("ros2_robot", self.sensor[0])
+
+    def overrides(self, definition: Definition) -> Sequence[str]:
+        """See Hardware."""
+        return hil.for_emulated(definition, "ros2 --robot emulated", is_rate, RATE_HZ) if self.emulated else ()
+
+    def commands(self, cell: str, endpoint: str, sensor: Sensor) -> dict[str, tuple[str, ...]]:
+        """See Hardware: with an emulated arm simulator and controller, too."""
+        here = ("--cell", cell, "--connect", endpoint)
+        name, options = self.sensor
+        if not self.emulated:
+            there = self.graph.options if name == "ros2_sensor" else ()
+            return {name: (*here, *there, *options), "ros2_robot": (*here, *self.graph.options, *self.options)}
+        world = f"{cell}-world"
+        rate = str(sensor.rate_hz if is_rate(sensor.rate_hz) else RATE_HZ)
+        at_once = ("--stride-mm", "1000", "--stride-deg", "180", "--steady-s", "0", "--within-mm", "0.001")
+        exact = (*at_once, "--within-deg", "0.001", "--withdraw-mm", "20", "--tell", "--auto-resume")
+        return {
+            "sim": ("--cell", world, "--connect", endpoint),
+            "ros2.emulator": (*here, "--world", world, "--start", START, "--rate-hz", rate),
+            "ros2_sensor": (*here, "--topic", "/fts/wrench", "--frame", "tool", "--rate-hz", rate, "--oldest-s", "1"),
+            "ros2_robot": (*here, *_CONTROLLER, "--start", START, *exact),
+        }
 
 
 def is_rate(rate_hz: int) -> bool:
     """Return whether the emulated wrist gives so many samples a second."""
     return 1 <= rate_hz <= 500
-
-
-def commands(cell: str, endpoint: str, sensor: Sensor) -> dict[str, tuple[str, ...]]:
-    """Return the options of simulator, emulated controller, sensor and arm, in the order of starting."""
-    here = ("--cell", cell, "--connect", endpoint)
-    world = f"{cell}-world"
-    rate = str(sensor.rate_hz if is_rate(sensor.rate_hz) else RATE_HZ)
-    at_once = ("--stride-mm", "1000", "--stride-deg", "180", "--steady-s", "0", "--within-mm", "0.001")
-    exact = (*at_once, "--within-deg", "0.001", "--withdraw-mm", "20", "--tell", "--auto-resume")
-    return {
-        "sim": ("--cell", world, "--connect", endpoint),
-        "ros2.emulator": (*here, "--world", world, "--start", START, "--rate-hz", rate),
-        "ros2_sensor": (*here, "--topic", "/fts/wrench", "--frame", "tool", "--rate-hz", rate, "--oldest-s", "1"),
-        "ros2_robot": (*here, *_CONTROLLER, "--start", START, *exact),
-    }

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from services.cell import hil, ros2, ur
 from services.cell.plan import Plan
-from services.cell.ros2 import OUT, RosArm
-from services.cell.ur import Ur
+from services.cell.ros2 import OUT
 
 Commands = dict[str, tuple[str, ...]]
 """Options by service, in the order in which the services are started."""
@@ -33,15 +31,10 @@ def commands(plan: Plan, endpoints: Mapping[str, str] | None = None) -> Commands
         "classifier": where("classifier"),
         "agent": where("agent"),
     }
-    hardware = plan.hardware
-    if hardware is None:
+    if plan.hardware is None:
         services["sim"] = where("sim")
-    elif isinstance(hardware, RosArm):
-        services |= ros2.commands(plan.cell, plan.endpoint, plan.definition.sensor)
-    elif isinstance(hardware, Ur):
-        services |= ur.commands(hardware, plan.cell, plan.endpoint, plan.definition.sensor)
     else:
-        services |= hil.commands(hardware, plan.cell, plan.endpoint, plan.definition.sensor)
+        services |= plan.hardware.commands(plan.cell, plan.endpoint, plan.definition.sensor)
     if plan.viewer is not None:
         services["viewer"] = (*where("viewer"), *plan.viewer.options)
     if plan.ros2 is not None:

@@ -21,6 +21,8 @@ SETTLED_S = 10.0
 """A process that lived this long starts again with the first delay."""
 TRIES = 4
 """A process that has failed so often, and never lived that long, is given up."""
+_LAST_BYTES = 1 << 16
+"""Of a log in which its last line is looked for."""
 STOP_S = 2.0
 """How long processes get between SIGTERM and SIGKILL."""
 
@@ -48,6 +50,20 @@ class Child:
     """When to start it again."""
     taken: bool = False
     """Whether it was told already that somebody else has its role."""
+    log_from: int = 0
+    """Where in its log begins what this process says."""
+
+    @property
+    def last_words(self) -> str:
+        """Return the last line that this process said, or why nobody can know it; nothing when it said nothing."""
+        if line := last_line(self.log, self.log_from):
+            return line
+        try:
+            with self.log.open("ab", buffering=0) as log:
+                log.write(b"\n")
+        except OSError as error:
+            return f"{self.name}: what it says cannot be written to {self.log}: {error.strerror}"
+        return ""
 
 
 @dataclass
@@ -116,6 +132,7 @@ class Supervisor:
             "PYTHONUNBUFFERED": "1",
         }
         with self._log(child) as log:
+            child.log_from = log.tell()
             # A session of its own: Ctrl-C in the terminal reaches us alone, and we stop the services in order.
             child.process = subprocess.Popen(
                 child.command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment, start_new_session=True
@@ -140,7 +157,7 @@ class Supervisor:
         child.failures += status > 0
         hopeless = (status == EXIT_ERROR and child.restarts == 0) or child.failures >= TRIES
         if hopeless and not child.settled:
-            raise StartError(last_line(child.log) or f"{child.name}: exited with status {status}")
+            raise StartError(child.last_words or f"{child.name}: exited with status {status}")
         child.delay_s = FIRST_DELAY_S if lived >= SETTLED_S else min(2 * child.delay_s, LONGEST_DELAY_S)
         child.process = None
         child.restarts += 1
@@ -156,15 +173,17 @@ class Supervisor:
         child.delay_s = min(2 * child.delay_s, LONGEST_DELAY_S)
         child.due = now + child.delay_s
         if not child.taken:
-            self.notify(f"{last_line(child.log) or child.name}; waiting until its role is free")
+            self.notify(f"{child.last_words or child.name}; waiting until its role is free")
         child.taken = True
 
 
-def last_line(log: Path) -> str:
-    """Return the last line of a log that is not empty; nothing of a log that is not there."""
+def last_line(log: Path, start: int = 0) -> str:
+    """Return the last line of a log that is not empty, ``start`` bytes on; nothing of a log that is not there."""
     if not log.exists():
         return ""
-    lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
+    with log.open("rb") as file:
+        file.seek(max(start, log.stat().st_size - _LAST_BYTES))
+        lines = [line for line in file.read().decode(errors="replace").splitlines() if line.strip()]
     return lines[-1] if lines else ""
 
 

@@ -28,7 +28,7 @@ _PORTS = (29999, 30003, 30004)
 
 @dataclass(frozen=True)
 class Ur:
-    """One arm."""
+    """One arm. See services.cell.plan.Hardware."""
 
     address: str
     """Of its controller."""
@@ -40,8 +40,31 @@ class Ur:
 
     @property
     def services(self) -> tuple[str, ...]:
-        """What is in the cell itself."""
+        """See Hardware."""
         return ("robot_ur",) if self.sensor is None else ("robot_ur", "sensor_rdt")
+
+    def overrides(self, definition: Definition) -> Sequence[str]:
+        """See Hardware."""
+        return hil.for_emulated(definition, "ur --robot emulated", is_arm_rate, RATE_HZ) if self.emulated else ()
+
+    def commands(self, cell: str, endpoint: str, sensor: Sensor) -> dict[str, tuple[str, ...]]:
+        """See Hardware: of an emulated arm simulator and emulator, too."""
+        here = ("--cell", cell, "--connect", endpoint)
+        rate = ("--rate-hz", str(sensor.rate_hz)) if is_arm_rate(sensor.rate_hz) else ()
+        robot = (*here, "--robot", self.address, *rate)
+        box = {} if self.sensor is None else {"sensor_rdt": (*here, *self.sensor)}
+        wrist = () if self.sensor is None else ("--wrist", "none")
+        if not self.emulated:
+            return {**box, "robot_ur": (*robot, *wrist, *self.options)}
+        world = f"{cell}-world"
+        emulator = ("--listen", self.address, "--world", world, "--start", START_MM)
+        exact = ("--settle-s", "0", "--zero", "never", "--tell-episode", "--auto-resume", "--watchdog-s", "10")
+        return {
+            "sim": ("--cell", world, "--connect", endpoint),
+            "robot_ur.emulator": (*here, *emulator),
+            **box,
+            "robot_ur": (*robot, "--start", START_MM, "--withdraw-mm", "20", *exact, *wrist, *self.options),
+        }
 
 
 def arm(robot: str = EMULATED, options: Sequence[str] = (), sensor: Sequence[str] | None = None) -> Ur:
@@ -52,34 +75,9 @@ def arm(robot: str = EMULATED, options: Sequence[str] = (), sensor: Sequence[str
     return Ur(_free_address(), True, tuple(options), box)
 
 
-def overrides(hardware: Ur, definition: Definition) -> Sequence[str]:
-    """Return what has to be set in a definition for this arm. Raises CellError for what an emulated one cannot make."""
-    return hil.overrides(definition, "ur --robot emulated", is_arm_rate, RATE_HZ) if hardware.emulated else ()
-
-
 def is_arm_rate(rate_hz: int) -> bool:
     """Return whether a controller gives so many packets a second."""
     return 10 <= rate_hz <= 500
-
-
-def commands(hardware: Ur, cell: str, endpoint: str, sensor: Sensor) -> dict[str, tuple[str, ...]]:
-    """Return the options of the arm's services, in the order of starting."""
-    here = ("--cell", cell, "--connect", endpoint)
-    rate = ("--rate-hz", str(sensor.rate_hz)) if is_arm_rate(sensor.rate_hz) else ()
-    robot = (*here, "--robot", hardware.address, *rate)
-    box = {} if hardware.sensor is None else {"sensor_rdt": (*here, *hardware.sensor)}
-    wrist = () if hardware.sensor is None else ("--wrist", "none")
-    if not hardware.emulated:
-        return {**box, "robot_ur": (*robot, *wrist, *hardware.options)}
-    world = f"{cell}-world"
-    emulator = ("--listen", hardware.address, "--world", world, "--start", START_MM)
-    exact = ("--settle-s", "0", "--zero", "never", "--tell-episode", "--auto-resume", "--watchdog-s", "10")
-    return {
-        "sim": ("--cell", world, "--connect", endpoint),
-        "robot_ur.emulator": (*here, *emulator),
-        **box,
-        "robot_ur": (*robot, "--start", START_MM, "--withdraw-mm", "20", *exact, *wrist, *hardware.options),
-    }
 
 
 def _free_address() -> str:

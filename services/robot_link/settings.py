@@ -10,6 +10,7 @@ from typing import Literal
 from services.robot_link.serial_line import LineSettings
 from services.robot_link.val2.dialects import DIALECTS, Name
 from services.robot_link.val2.oat import CONVENTIONS, Convention
+from services.rules import arm_settings
 from services.rules.settings import add_settings, check, setting, settings_of
 from services.wire.errors import TreenailError
 
@@ -35,18 +36,16 @@ class ArmSettings:
     """Not public."""
     start_location: str = setting("TREENAIL", "taught location", "--start")
     """Peg straight over the hole's centre, tip ``start_height_mm`` above the mouth; 1 to 15 letters, digits."""
-    start_height_mm: float = setting(20.0, "its tip above the mouth", within=(0.0, 500.0))
-    withdraw_mm: float = setting(40.0, "pull back along the peg's axis before homing", within=(0.0, 500.0))
-    """Before anything else in ``home``; 0 for not at all."""
+    start_height_mm: float = arm_settings.start_height_mm()
+    withdraw_mm: float = arm_settings.withdraw_mm()
     speed_percent: float | None = setting(10.0, "monitor speed in percent", "--speed", within=(0.1, 100.0))
     """None to leave it as it is."""
     decimals: int = setting(5, "of what is written in TRANS", within=(2, 9))
     """With fewer than 5, what is applied is not what was asked for to the bit."""
-    within_mm: float = setting(0.08, "counts as arrived", within=(0.001, 5.0))
-    within_deg: float = setting(0.08, "counts as arrived", within=(0.001, 5.0))
-    move_s: float = setting(10.0, "longest time of a motion", within=(0.1, 600.0))
-    settle_s: float = setting(0.02, "from arrival to the first sample", within=(0.0, 10.0))
-    """Until the first F/T sample that counts: for the arm to calm down and the sensor's filter."""
+    within_mm: float = arm_settings.within_mm(0.08)
+    within_deg: float = arm_settings.within_deg(0.08)
+    move_s: float = arm_settings.move_s(10.0)
+    settle_s: float = arm_settings.settle_s(0.02)
     echo: bool = setting(True, "the controller does not send back what it is sent", "--no-echo")
     """Whether it does (assumed)."""
     tell_episode: bool = setting(False, "assign EPISODE and STEP on the controller before home and moves")
@@ -70,7 +69,7 @@ class Settings:
     """pyserial URL."""
     line: LineSettings = field(default_factory=LineSettings)
     arm: ArmSettings = field(default_factory=ArmSettings)
-    oldest_s: float = setting(0.1, "age above which an F/T sample says nothing about now", within=(0.01, 10.0))
+    oldest_s: float = arm_settings.oldest_s()
     by_itself: bool = setting(
         False, "an emulated arm: it moves without `treenail resume`, also after a stop", "--auto-resume"
     )

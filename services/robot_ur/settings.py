@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass, field
 from typing import Literal
 
-from services.rules import mount
+from services.rules import arm_settings, mount
 from services.rules.mount import Mount
 from services.rules.settings import SettingError, add_settings, check, setting, settings_of
 from services.wire.text import numbers
@@ -29,16 +29,14 @@ class Settings:
     """Address or name of the controller."""
     start: Six | None = None
     """The taught start pose, as the pendant shows it: X, Y, Z [mm], rotation vector [rad]; None until somebody says."""
-    start_height_mm: float = setting(20.0, "of the tip above the mouth at the start pose", within=(0.0, 500.0))
-    withdraw_mm: float = setting(40.0, "pull back along the peg's axis before homing", within=(0.0, 500.0))
-    """Before anything else in ``home``; 0 for not at all."""
+    start_height_mm: float = arm_settings.start_height_mm()
+    withdraw_mm: float = arm_settings.withdraw_mm()
     speed_mm_s: float = setting(10.0, "of motions", within=(0.1, 250.0))
     acceleration_mm_s2: float = setting(100.0, "of motions", within=(1.0, 2500.0))
-    within_mm: float = setting(0.05, "counts as arrived", within=(0.001, 1.0))
-    within_deg: float = setting(0.05, "counts as arrived", within=(0.001, 1.0))
-    move_s: float = setting(30.0, "longest time of a motion", within=(0.1, 600.0))
-    settle_s: float = setting(0.05, "from arrival to the first sample", within=(0.0, 10.0))
-    """Until the first F/T sample that counts: for arm and filter to calm down."""
+    within_mm: float = arm_settings.within_mm(0.05)
+    within_deg: float = arm_settings.within_deg(0.05)
+    move_s: float = arm_settings.move_s(30.0)
+    settle_s: float = arm_settings.settle_s(0.05)
     rate_hz: float = setting(125.0, "of packets from the controller", within=(10.0, 500.0))
     watchdog_s: float = setting(2.0, "without us, after which the controller stops our program", within=(0.2, 10.0))
     wrist: Wrist = setting("tcp", "what is published as ft; none with a sensor of its own", choices=WRISTS)
@@ -58,7 +56,7 @@ class Settings:
     power: bool = setting(False, "`treenail resume` may power the arm and release its brakes", "--power-on")
     any_firmware: bool = setting(False, "also with a version that nobody has tried")
     tell_episode: bool = setting(False, "write episode and step to input registers 18 and 19")
-    oldest_s: float = setting(0.1, "age above which an F/T sample says nothing about now", within=(0.01, 10.0))
+    oldest_s: float = arm_settings.oldest_s()
     by_itself: bool = setting(
         False, "an emulated arm: it moves without `treenail resume`, but for safety stops", "--auto-resume"
     )

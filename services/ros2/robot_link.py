@@ -161,7 +161,7 @@ class Link:
         """Send the next target, or look whether the arm has arrived."""
         if self._targets:
             if now >= self._due_s:
-                self._due_s = max(self._due_s, now - 1.0 / self._settings.rate_hz) + 1.0 / self._settings.rate_hz
+                self._due_s = max(self._due_s, now - 1.0 / self._settings.target_hz) + 1.0 / self._settings.target_hz
                 self._commanded, self._sent_s = self._targets.popleft(), now
                 self._controller.send(self._commanded, self._told)
             return
@@ -176,12 +176,12 @@ class Link:
             script = self._script
             if script is not None:
                 self._go_on(lambda: script.send(pose))
-        elif now - self._sent_s > settings.move_s:
+        elif now - self._sent_s > settings.arrive_s:
             expected = f"within {settings.within_mm:g} mm and {settings.within_deg:g} deg of the last target"
             self._fail(
                 ArrivalError(
-                    f"robot: expected the arm to stand {expected} after {settings.move_s:g} s, it is {away_mm:.3f} mm "
-                    f"and {turned_deg:.3f} deg away; told to stay there"
+                    f"robot: expected the arm to stand {expected} after {settings.arrive_s:g} s, it is "
+                    f"{away_mm:.3f} mm and {turned_deg:.3f} deg away; told to stay there"
                 )
             )
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 from services.ros2.names import checked_topic
 from services.ros2.settings import Graph, graph_of
+from services.rules import arm_settings
 from services.rules.poses import Pose, from_quaternion
 from services.rules.settings import SettingError, add_settings, check, setting, settings_of
 from services.wire.text import numbers
@@ -28,23 +29,23 @@ class Settings:
     start: Pose | None = None
     """The taught start pose over the hole; None until somebody says."""
     graph: Graph = field(default_factory=Graph)
-    start_height_mm: float = setting(20.0, "of the tip above the mouth at the start pose", within=(0.0, 500.0))
-    withdraw_mm: float = setting(40.0, "pull back along the peg's axis before homing", within=(0.0, 500.0))
-    rate_hz: float = setting(100.0, "of targets on the way", within=(1.0, 1000.0))
+    start_height_mm: float = arm_settings.start_height_mm()
+    withdraw_mm: float = arm_settings.withdraw_mm()
+    target_hz: float = setting(100.0, "of targets on the way", within=(1.0, 1000.0))
     stride_mm: float = setting(0.1, "farthest from one target to the next", within=(0.001, 1000.0))
     """With the rate, this is the speed: 10 mm/s as it stands."""
     stride_deg: float = setting(0.1, "farthest turn from one target to the next", within=(0.001, 180.0))
-    within_mm: float = setting(0.2, "counts as arrived", within=(0.001, 10.0))
-    within_deg: float = setting(0.2, "counts as arrived", within=(0.001, 10.0))
+    within_mm: float = arm_settings.within_mm(0.2)
+    within_deg: float = arm_settings.within_deg(0.2)
     steady_s: float = setting(
         0.2, "that the reported pose stands still before it counts as arrived", within=(0.0, 10.0)
     )
     """Counted from the last target, too: a controller begins to move a little after it was told."""
     steady_mm: float = setting(0.02, "moved in that time by an arm that stands still", within=(0.0001, 1.0))
-    move_s: float = setting(30.0, "longest time from the last target to arrival", within=(0.1, 600.0))
-    settle_s: float = setting(0.05, "from arrival to the first sample that counts", within=(0.0, 10.0))
+    arrive_s: float = setting(30.0, "longest time from the last target to arrival", within=(0.1, 600.0))
+    settle_s: float = arm_settings.settle_s(0.05)
     silent_s: float = setting(0.25, "that the controller may report no pose", within=(0.01, 10.0))
-    oldest_s: float = setting(0.1, "age above which an F/T sample says nothing about now", within=(0.01, 10.0))
+    oldest_s: float = arm_settings.oldest_s()
     tell: bool = setting(False, "number each motion, and wait until the controller says that number: the emulated one")
     by_itself: bool = setting(False, "an emulated arm: it moves without `treenail resume`", "--auto-resume")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from dataclasses import dataclass, field
 
 from services.bus.opening import Opening
 from services.bus.service import Options, Service
@@ -13,42 +12,13 @@ from services.ros2.graph import node_with
 from services.ros2.messages import WRENCH
 from services.ros2.names import Endpoint, Qos
 from services.ros2.node import Node, Sample, nobody, publishers
-from services.ros2.settings import Graph
+from services.ros2.sensor_settings import Settings
 from services.ros2.stream import CHANGED, LOST, NOT_ZEROED, Stream
-from services.rules.mount import Mount
-from services.rules.settings import SettingError, check, setting
 from services.wire.keys import FT
 from services.wire.messages import FtPacket
 
-SILENT_S, SILENT_PERIODS = 0.1, 5
-"""How long no sample may come: so long, and so many periods."""
 _KEPT, _TURN = 1 << 14, 256
 _WORK_S, _LOOK_S = 0.001, 1.0
-
-
-@dataclass(frozen=True)
-class Settings:
-    """What the service is started with."""
-
-    topic: str
-    """Full name."""
-    frame: str
-    """That each sample must be in."""
-    graph: Graph = field(default_factory=Graph)
-    mount: Mount = field(default_factory=Mount)
-    rate_hz: float = setting(500.0, "at which the driver publishes", within=(1.0, 8000.0))
-    oldest_s: float = setting(0.05, "how much later than others a sample may come", within=(0.001, 1.0))
-
-    def __post_init__(self) -> None:
-        """Raise SettingError for what cannot be used."""
-        if not self.frame.strip() or len(self.frame) > 200:
-            raise SettingError(f"--frame: expected the frame_id of the samples, got {self.frame[:40]!r}")
-        check(self, SettingError)
-
-    @property
-    def silent_s(self) -> float:
-        """Return how long no sample may come."""
-        return max(SILENT_S, SILENT_PERIODS / self.rate_hz)
 
 
 def serve(options: Options, settings: Settings) -> None:

@@ -124,7 +124,7 @@ def ros2(rig: Rig) -> None:
     rig.service = "ros2_robot"
     topics = ("--target", "/compliance/target_frame", "--pose", "/compliance/current_pose", "--frame", "base_link")
     usual = ("--oldest-s", "2", "--settle-s", "0", "--withdraw-mm", "20", "--auto-resume", "--tell")
-    way = ("--start", ROS_START, "--stride-mm", "1", "--rate-hz", "500", "--steady-s", "0.02", "--within-mm", "0.001")
+    way = ("--start", ROS_START, "--stride-mm", "1", "--target-hz", "500", "--steady-s", "0.02", "--within-mm", "0.001")
     rig.start("ros2.robot", *topics, *usual, *way)
 
 

@@ -5,20 +5,16 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from services.cell import hil
-from services.cell.hil import LINKS, Hil, emulated
 from services.cell.plan import Plan, make_plan, viewer_at
 from services.cell.ros2 import Graph, RosArm
-from services.cell.ur import EMULATED, Ur, arm
-from services.robot_ur import settings as robot_ur
 from services.ros2.distributions import DISTRIBUTIONS, MOST_DOMAIN
 from services.ros2.distributions import USUAL as ROS_USUAL
-from services.rules.command_line import Parser, whole
+from services.rules.command_line import whole
 from services.rules.swaps import SPEC, SPEC_HELP
-from services.sensor_rdt.settings import Settings as BoxSettings
 from services.wire.errors import CellError
 from services.wire.message_base import LONGEST_RUN
 from services.wire.randomness import MAX_SEED
+from treenail.commands import up_hardware
 
 PROFILES = ("sim", "hil", "ur", "ros2")
 WEB_PORT = 9090
@@ -26,7 +22,6 @@ USUAL, USUAL_EPISODES = "suite-round", 200
 """What is learnt where nothing is said: a peg from random starts."""
 OLD_IRON = "chamfered-q-softmax"
 """The same with the thesis's own hardware, emulated: the thesis's own task, whose start is always the same."""
-_ARM_HELP = "ur: an option of `treenail robot_ur`: --arm start=120,-430,215,2.3,-1.9,0.2 --arm unlock-protective-stop"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -35,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "profile",
         choices=PROFILES,
         help="sim: the simulator in place of robot and sensor; hil: "
-        "emulated old hardware; ur: an arm of Universal Robots; ros2: an emulated arm behind topics of ROS 2",
+        "emulated old hardware; ur: an arm of Universal Robots; ros2: an arm behind topics of ROS 2",
     )
     parser.add_argument(
         "--experiment",
@@ -85,51 +80,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--ros", metavar="ENDPOINT", help="of ROS's own router, rmw_zenohd (default: the cell's)")
     parser.add_argument("--distribution", choices=tuple(DISTRIBUTIONS), help=f"of ROS 2 (default: {ROS_USUAL})")
-    parser.add_argument(
-        "--link", choices=LINKS, help="hil: how the controller is spoken to (default: terminal); supervisory is DDCMP"
-    )
-    parser.add_argument(
-        "--thesis-speed",
-        action="store_true",
-        help=f"hil: a line of {hil.THESIS_BAUD} baud, motions of {hil.THESIS_MOTION_S} s: "
-        "about one decision a second, as in the thesis",
-    )
-    parser.add_argument(
-        "--robot", metavar="ADDRESS", help=f"ur: of the controller, as 192.168.0.10; or {EMULATED}, the usual"
-    )
-    parser.add_argument(
-        "--box",
-        metavar="ADDRESS",
-        help="ur: of a Net F/T, Axia or HEX beside a real arm, instead of its wrist",
-    )
-    parser.add_argument("--arm", action="append", default=[], metavar="OPTION[=VALUE]", help=_ARM_HELP)
+    up_hardware.add_arguments(parser)
 
 
 def plan_of(arguments: argparse.Namespace) -> Plan:
     """Return what parsed arguments ask for, checked. Raises TreenailError."""
-    if arguments.profile != "hil" and (arguments.link is not None or arguments.thesis_speed):
-        raise CellError("--link, --thesis-speed: expected with `treenail up hil` only: the simulator has no line")
     web_port = arguments.web_port
     if web_port is None:  # who asks for any port for one asks for any port for the other
         web_port = WEB_PORT if arguments.viewer_port else 0
-    hardware: Hil | RosArm | Ur | None = None
-    robots = arguments.robot not in (None, *((EMULATED,) if arguments.profile == "ros2" else ()))
-    if arguments.profile != "ur" and (robots or arguments.arm or arguments.box):
-        raise CellError("--robot, --arm, --box: expected with `treenail up ur` only")
-    if arguments.profile == "hil":
-        hardware = emulated(arguments.link or LINKS[0], thesis_speed=arguments.thesis_speed)
-    elif arguments.profile == "ros2":
-        hardware = RosArm()
-    elif arguments.profile == "ur":
-        robot = arguments.robot or EMULATED
-        if robot == EMULATED and arguments.box is not None:
-            raise CellError(
-                "--box: expected with --robot ADDRESS only: the emulated arm has a wrist that feels its peg"
-            )
-        hardware = arm(
-            robot, _arm_options(robot, arguments.arm), None if arguments.box is None else _box(arguments.box)
-        )
-    if arguments.ros2 is None and (arguments.ros is not None or arguments.distribution is not None):
+    graph = Graph(arguments.ros2 or 0, arguments.distribution, arguments.ros)
+    hardware = up_hardware.hardware_of(arguments, graph)
+    seen = arguments.ros2 is not None or (isinstance(hardware, RosArm) and not hardware.emulated)
+    if not seen and (arguments.ros is not None or arguments.distribution is not None):
         raise CellError("--ros, --distribution: expected with --ros2 only")
     viewer = None
     if not arguments.no_viewer:
@@ -151,24 +113,6 @@ def plan_of(arguments: argparse.Namespace) -> Plan:
         certs=arguments.certs,
         hardware=hardware,
         viewer=viewer,
-        ros2=None if arguments.ros2 is None else Graph(arguments.ros2, arguments.distribution, arguments.ros),
+        ros2=graph if seen else None,
         fresh=arguments.fresh,
     )
-
-
-def _arm_options(robot: str, words: list[str]) -> list[str]:
-    """Return options of ``robot_ur``, checked as that service will. Raises TreenailError."""
-    options = [f"--{word.lstrip('-')}" for word in words]
-    parser = Parser(prog="treenail up ur: --arm", add_help=False)
-    robot_ur.add_arguments(parser)
-    known, others = parser.parse_known_args(["--robot", robot, *options])
-    if others:
-        raise CellError(f"--arm: expected options of `treenail robot_ur`, got {' '.join(others)[:80]!r}")
-    robot_ur.settings(known)
-    return options
-
-
-def _box(address: str) -> tuple[str, ...]:
-    """Return the options of ``sensor_rdt`` for a box. Raises TreenailError for what is no address."""
-    BoxSettings(address)
-    return ("--box", address)

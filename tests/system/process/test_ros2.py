@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from services.cell.hil import FULL_SCALES
+from services.cell.ros2 import START, RosArm
+from services.wire.definition import Sensor
 
 pytest.importorskip("rosbags", reason="the extra ros2 is not installed")
 pytest.importorskip("xxhash", reason="the extra ros2 is not installed")
@@ -16,6 +18,7 @@ pytest.importorskip("xxhash", reason="the extra ros2 is not installed")
 EPISODES = 20
 LONG = 6
 """Episodes of a run in which every process is killed in turn."""
+THERE = ("--arm", "target=/arm/target", "--arm", "pose=/arm/pose", "--arm", "frame=base_link")
 SUITE = "suite-round"
 """From random starts, by the felt learner."""
 
@@ -50,11 +53,55 @@ def test_an_arm_behind_topics_learns_the_same_whichever_process_is_killed(
     assert digests_in(tmp_path / "A") == reference(LONG, 1, *FULL_SCALES, "start.decimals=4", experiment=SUITE)
 
 
+def test_an_arm_that_comes_later_and_is_not_ours_learns_the_same(
+    up: Callable[..., Any],
+    run_module: Callable[..., Any],
+    reference: Callable[..., dict[str, str]],
+    digests_in: Callable[[Path], dict[str, str]],
+    endpoint_of: Callable[[Path], str],
+    tmp_path: Path,
+) -> None:
+    arm = RosArm().commands("a", "", Sensor())["ros2_robot"][4:]
+    sensor = ("topic=/fts/wrench", "frame=tool", "rate-hz=125", "oldest-s=1")
+    sets = (*FULL_SCALES, "start.decimals=4")
+    words = [word for option in _as_given(arm) for word in ("--arm", option)]
+    words += [word for option in sensor for word in ("--sensor", option)]
+    words += [word for item in sets for word in ("--set", item)]
+    process = up(tmp_path / "A", LONG, *words, "--experiment", SUITE, cell="ros2")
+    here = ("--connect", endpoint_of(tmp_path / "A"))
+    run_module("services.sim", "--cell", "world", *here)
+    run_module("services.ros2.emulator", "--cell", "a", "--world", "world", "--start", START, *here)
+    assert process.end(120.0) == 0, process.err
+    assert "nothing moves before `treenail resume`" in process.out
+    assert digests_in(tmp_path / "A") == reference(LONG, 1, *sets, experiment=SUITE)
+
+
+def _as_given(options: Sequence[str]) -> list[str]:
+    """Return options as `--arm` takes them, each one word: name=value, or a name alone."""
+    words: list[str] = []
+    for word in options:
+        if word.startswith("--"):
+            words.append(word.removeprefix("--"))
+        else:
+            words[-1] += f"={word}"
+    return words
+
+
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
         (("sim", "--ros", "tcp/127.0.0.1:7448"), "--ros, --distribution: expected with --ros2 only"),
-        (("ros2", "--robot", "192.168.0.10"), "--robot, --arm, --box: expected with `treenail up ur` only"),
+        (
+            ("ros2", "--robot", "192.168.0.10"),
+            "whose arm is where its topics are, got '192.168.0.10'; say --arm target",
+        ),
+        (("ros2", *THERE), "--arm, --sensor, --box: expected none for the emulated arm; for one that is there --arm"),
+        (
+            ("ros2", *THERE, "--sensor", "topic=/wrench"),
+            "ros2: --sensor: the following arguments are required: --frame",
+        ),
+        (("ros2", *THERE, "--arm", "domain=3", "--box", "192.168.1.1"), "--ros2 DOMAIN, --ros and --distribution say"),
+        (("ur", "--sensor", "topic=/wrench"), "--sensor: expected with `treenail up ros2` only, got `treenail up ur`"),
         (("sim", "--ros2", "233"), "expected a whole number from 0 to 232, got '233'"),
         (("sim", "--ros2", "--distribution", "humble"), "expected one of jazzy, jazzy-0.2.3, kilted"),
         (("sim", "--ros2", "--certs", "certs"), "--ros2: expected --ros ENDPOINT, ROS's own router, with --certs"),

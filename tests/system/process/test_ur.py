@@ -63,7 +63,7 @@ def test_listed_moves_and_windows_of_the_wrist_s_samples_come_to_the_same(
 @pytest.mark.parametrize(
     ("words", "complaint"),
     [
-        (("sim", "--robot", "emulated"), "--robot, --arm, --box: expected with `treenail up ur` only"),
+        (("sim", "--robot", "emulated"), "--arm, --box: expected with `treenail up ur` or `treenail up ros2` only"),
         (("ur", "--certs", "certs"), "--certs: expected none with emulated hardware"),
         (("ur", "--experiment", "suite-flange"), "moves.rotation_centre_mm: expected 0 with `treenail up ur"),
         (("ur", "--arm", "speed-mm-s=900"), "--speed-mm-s"),

@@ -10,9 +10,10 @@ import pytest
 
 from services.cell.hil import FULL_SCALES, Hil, emulated
 from services.cell.local import LocalCell, temporary_cell
-from services.cell.plan import make_plan, viewer_at
+from services.cell.plan import Hardware, make_plan, viewer_at
+from services.cell.ros2 import Graph, RosArm
 from services.cell.start import commands
-from services.cell.ur import Ur, arm
+from services.cell.ur import arm
 from services.wire.errors import CellError, TreenailError
 
 NAME = "chamfered-q-softmax"
@@ -66,7 +67,7 @@ def test_emulated_hardware_stands_in_for_the_simulator_which_has_a_world_of_its_
     ],
 )
 def test_a_window_is_made_of_samples_at_a_rate_that_the_hardware_has(
-    sets: list[str], hardware: Hil | Ur, rate: str | None
+    sets: list[str], hardware: Hardware, rate: str | None
 ) -> None:
     plan = make_plan(NAME, overrides=sets, hardware=hardware)
     services = commands(plan)
@@ -79,8 +80,8 @@ def test_a_window_is_made_of_samples_at_a_rate_that_the_hardware_has(
         assert emulator[emulator.index("--rate-hz") + 1] == rate, "or samples are left out, or come twice"
 
 
-@pytest.mark.parametrize("hardware", [emulated(), emulated("supervisory"), arm()])
-def test_random_starts_are_on_the_grid_of_an_emulated_arm(hardware: Hil | Ur) -> None:
+@pytest.mark.parametrize("hardware", [emulated(), emulated("supervisory"), arm(), RosArm()])
+def test_random_starts_are_on_the_grid_of_an_emulated_arm(hardware: Hardware) -> None:
     assert make_plan("suite-round", hardware=hardware).definition.start.decimals == 4
     assert make_plan("suite-round", overrides=["start.decimals=3"], hardware=hardware).definition.start.decimals == 3
     assert make_plan(NAME, hardware=hardware).definition.start.decimals == 0, "one start is as it is given"
@@ -124,6 +125,19 @@ def test_a_fresh_plan_forgets_the_stores_file_and_nothing_else(tmp_path: Path) -
     with LocalCell(make_plan(NAME, out=tmp_path, fresh=True)):
         assert not (tmp_path / "store.sqlite").exists()
     assert (tmp_path / "summary.json").exists()
+
+
+def test_an_arm_of_ros_2_that_is_there_gets_no_simulator_and_meets_ros_where_it_is_said() -> None:
+    graph = Graph(3, "kilted")
+    arm = RosArm(("--target", "/target"), ("ros2_sensor", ("--topic", "/wrench")), graph)
+    services = commands(make_plan("suite-round", hardware=arm, ros2=graph))
+    where = ("--domain", "3", "--distribution", "kilted")
+    assert list(services)[5:] == ["ros2_sensor", "ros2_robot", "ros2_out"]
+    assert services["ros2_robot"][4:] == (*where, "--target", "/target")
+    assert services["ros2_sensor"][4:] == (*where, "--topic", "/wrench")
+    assert services["router"][2:] == ("--ros2", "3"), "ROS 2 may speak at the cell's router, in that domain"
+    boxed = commands(make_plan("suite-round", hardware=RosArm(("--x",), ("sensor_rdt", ("--box", "b")), graph)))
+    assert boxed["sensor_rdt"][4:] == ("--box", "b")
 
 
 def test_a_temporary_cell_leaves_nothing() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -52,6 +53,26 @@ def test_who_cannot_start_ends_all_with_its_own_line(supervisor: Supervisor) -> 
     supervisor.run("sim", python(f"print('treenail sim: no such thing'); raise SystemExit({EXIT_ERROR})"))
     with pytest.raises(StartError, match="treenail sim: no such thing"):
         until(supervisor, lambda: False)
+
+
+def test_who_cannot_say_why_is_not_taken_at_what_was_said_before(supervisor: Supervisor, tmp_path: Path) -> None:
+    """On a full disk a log keeps what an earlier process said, and takes nothing more."""
+    log = tmp_path / "logs" / "store.log"
+    log.parent.mkdir()
+    log.write_text("store: running\n")
+    fail = python(f"raise SystemExit({EXIT_ERROR})")
+    supervisor.run("store", fail)
+    with pytest.raises(StartError) as silent:
+        until(supervisor, lambda: False)
+    assert str(silent.value) == "store: exited with status 2"
+    limit = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (log.stat().st_size, limit[1]))
+    try:
+        supervisor.run("store", fail)
+        with pytest.raises(StartError, match=f"store: what it says cannot be written to {log}: File too large"):
+            until(supervisor, lambda: False)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limit)
 
 
 def test_a_role_that_somebody_else_has_is_waited_for_and_told_once(

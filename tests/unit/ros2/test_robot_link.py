@@ -33,7 +33,7 @@ class Bench:
     """A link, and a controller that does what a test says; it is where it should be until then."""
 
     def __init__(self, **settings: float | bool) -> None:
-        usual = {"stride_mm": 1000.0, "stride_deg": 180.0, "rate_hz": 1000.0, "steady_s": 0.0, "silent_s": 5.0}
+        usual = {"stride_mm": 1000.0, "stride_deg": 180.0, "target_hz": 1000.0, "steady_s": 0.0, "silent_s": 5.0}
         self.settings = Settings(TARGET, POSE, "base", START, **{**usual, **settings})  # type: ignore[arg-type]
         self.endpoints = [CONTROLLER]
         self.sent: list[tuple[Pose, Told | None]] = []
@@ -91,7 +91,7 @@ def test_a_long_way_is_a_row_of_targets_on_a_line_that_turns_evenly() -> None:
 
 
 def test_what_does_not_arrive_is_told_to_stay_where_it_is() -> None:
-    bench = Bench(move_s=0.1)
+    bench = Bench(arrive_s=0.1)
     bench.home()
     bench.offset_mm = 0.5
     bench.link.run(bench.arm.move(Increment(dx_mm=0.1), 3, 1), bench.results.append)
@@ -105,7 +105,7 @@ def test_what_does_not_arrive_is_told_to_stay_where_it_is() -> None:
 
 
 def test_an_arm_that_still_moves_has_not_arrived() -> None:
-    bench = Bench(steady_s=0.05, within_mm=5.0, move_s=0.5)
+    bench = Bench(steady_s=0.05, within_mm=5.0, arrive_s=0.5)
     bench.follows = False
     bench.link.run(bench.arm.home(HOME), bench.results.append)
     steps = iter(range(10**6))

@@ -15,7 +15,8 @@ from services.ros2.attachment import Attachment, written
 from services.ros2.messages import POSE, WRENCH, Messages, Wrench
 from services.ros2.names import topic_key
 from services.ros2.node import Node, Sample
-from services.ros2.sensor_service import SensorShell, Settings
+from services.ros2.sensor_service import SensorShell
+from services.ros2.sensor_settings import Settings
 from services.ros2.stream import CHANGED, LOST
 from services.wire.messages import FtPacket
 

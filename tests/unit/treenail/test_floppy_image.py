@@ -8,6 +8,7 @@ from typing import TypeVar
 import pytest
 
 from services.robot_link.emulator.floppy import FloppyClient, FloppyError, NoBlockError, Talk
+from tests.unit.treenail.drives import carry_out
 from treenail.tools.pfloppy.disk_errors import DiskError, ProtectedError
 from treenail.tools.pfloppy.folder import Folder, FolderError
 from treenail.tools.pfloppy.image import Image
@@ -21,19 +22,7 @@ T = TypeVar("T")
 
 def talk(disk: Disk, operation: Talk[T]) -> T:
     """Carry an operation of a controller out that speaks to a drive with this disk."""
-    drive = Tu58Drive([disk])
-    try:
-        sent = next(operation)
-        while True:
-            drive.receive(sent)
-            came = b""
-            while chunk := drive.transmit():
-                came += chunk
-            assert sent or came, "the drive has nothing to say"
-            sent = operation.send(came)
-    except StopIteration as finished:
-        result: T = finished.value
-        return result
+    return carry_out(Tu58Drive([disk]), operation)
 
 
 def image_of(path: Path, content: bytes, **options: bool) -> tuple[Image, list[str]]:

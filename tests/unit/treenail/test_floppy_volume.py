@@ -17,6 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.robot_link.emulator.floppy import FloppyClient, FloppyError, Talk
+from tests.unit.treenail.drives import carry_out, said
 from treenail.tools.pfloppy.disk_errors import DiskError
 from treenail.tools.pfloppy.folder import Folder, FolderError
 from treenail.tools.pfloppy.layout import Entry, PlainLayout
@@ -46,18 +47,7 @@ class Bench:
 
     def do(self, operation: Talk[T]) -> T:
         """Carry an operation of the controller out."""
-        try:
-            sent = next(operation)
-            while True:
-                self.drive.receive(sent)
-                came = b""
-                while chunk := self.drive.transmit():
-                    came += chunk
-                assert sent or came, "the drive has nothing to say"
-                sent = operation.send(came)
-        except StopIteration as finished:
-            result: T = finished.value
-            return result
+        return carry_out(self.drive, operation)
 
     def names(self) -> dict[str, int]:
         """Return what the controller sees: lengths by name."""
@@ -220,8 +210,7 @@ def test_what_changed_on_the_host_meanwhile_is_not_overwritten(bench: Bench) -> 
                 (bench.path / "A").write_bytes(b"the host's")
                 (bench.path / "NEW").write_bytes(b"too")
                 moved = True
-            bench.drive.receive(sent)
-            sent = steps.send(b"".join(iter(bench.drive.transmit, b"")))
+            sent = steps.send(said(bench.drive, sent))
     assert bench.files() == {"A": b"the host's", "NEW": b"too"}
     assert any("has changed on the host" in line for line in bench.said)
 
@@ -304,8 +293,7 @@ def test_a_transfer_cut_at_any_byte_leaves_the_old_file(bench: Bench) -> None:
             came = b""
             for byte in sent:
                 assert bench.files() == {"A": old}
-                bench.drive.receive(bytes((byte,)))
-                came += b"".join(iter(bench.drive.transmit, b""))
+                came += said(bench.drive, bytes((byte,)))
                 passed += 1
             sent = steps.send(came)
     assert passed > len(new) + 19 * 4 + 3 * 14 + 132

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from services.robot_link.emulator.floppy import ones_sum
+from tests.unit.treenail.drives import said
 from treenail.tools.pfloppy.disk_errors import DamageError, MissingError, ProtectedError
 from treenail.tools.pfloppy.tu58 import (
     Control,
@@ -83,12 +84,7 @@ def drive(*disks: Memory) -> Tu58Drive:
 
 def answers(machine: Tu58Drive, pieces: Iterable[bytes]) -> bytes:
     """Return all that a drive says to what comes in pieces."""
-    said = b""
-    for piece in pieces:
-        machine.receive(piece)
-        while chunk := machine.transmit():
-            said += chunk
-    return said
+    return b"".join(said(machine, piece) for piece in pieces)
 
 
 def ask(machine: Tu58Drive, *pieces: bytes) -> bytes:
