@@ -8,7 +8,7 @@ from __future__ import annotations
 from itertools import cycle
 from typing import NamedTuple, Protocol
 
-from services.wire.actions import ACTION_NAMES, INSERT
+from services.wire.actions import ACTION_NAMES, INSERT, Increment
 from services.wire.definition import Definition
 from services.wire.messages import Observation
 from services.wire.randomness import Role, generator
@@ -42,6 +42,8 @@ class Choice(NamedTuple):
     """Index of the move in the definition's list."""
     state: int = 0
     """Contact state that it was taken for; 0 for a controller that knows none."""
+    increment: Increment | None = None
+    """The move itself, within ``moves.continuous``, where it is no listed one; ``action`` is then what it counts as."""
 
 
 class Controller(Protocol):

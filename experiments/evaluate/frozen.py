@@ -11,7 +11,8 @@ from services.agent.fold import learner_of
 from services.agent.learning import Learner
 from services.agent.policies import choose
 from services.classifier.fold import classifier_of
-from services.rules.plugins import feels
+from services.rules.bounds import Bounds
+from services.rules.plugins import feels, proposes
 from services.rules.skill import NamedSkill, fits
 from services.rules.skill_memory import untried
 from services.rules.swaps import in_force
@@ -37,7 +38,7 @@ class FrozenSkill:
         self._learner = learner_of(replace(learnt, policy=Greedy()), seed)
         self._classifier.restore(skill.skill.classifier)
         self._learner.restore(skill.skill.agent)
-        self._reference = Reference(definition)
+        self._reference, self._bounds = Reference(definition), Bounds(definition)
         self._strange = self._classifier.states
         self._seed = seed
         never = () if isinstance(learnt.learner, Plugin) else untried(skill.skill.agent)
@@ -55,6 +56,9 @@ class FrozenSkill:
         except ValueError as error:
             raise UnusableError(f"observation: decision {felt.decision}: {error}") from error
         state = self._strange if state < 0 else state
+        if proposes(self._learner):
+            increment = self._learner.proposal(state, wrench, felt.episode).increment
+            return Choice(self._bounds.counts_as(increment), state, increment)
         if not self._all_known:
             return Choice(self._best_known(state, wrench, felt), state)
         if feels(self._learner):
@@ -69,6 +73,7 @@ class FrozenSkill:
 
     def _values(self, state: int, wrench: Wrench, episode: int) -> Sequence[float]:
         """Return what each move is worth."""
+        assert not proposes(self._learner)
         if feels(self._learner):
             values: list[float] = self._learner.opinion(state, wrench, episode).values.tolist()
             return values

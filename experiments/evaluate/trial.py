@@ -46,7 +46,7 @@ def trial(
                 break
             choice = controller.decide(then)
             states.add(choice.state)
-            motion = task.act(told(then, choice.action, choice.state))
+            motion = task.act(told(then, *choice))
         summaries.append(then)
         decisions += then.decisions
         done(episode + 1)

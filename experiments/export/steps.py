@@ -112,4 +112,4 @@ class Stepper:
             raise TreenailError(
                 f"step {step.step}: expected an action below {len(self._increments)}, got {step.action}"
             )
-        return self._increments[step.action]
+        return self._increments[step.action] if step.increment is None else Increment(*step.increment)

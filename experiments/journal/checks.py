@@ -165,7 +165,7 @@ def _told_mm(definition: Definition, steps: Sequence[JournalStep], moves: int) -
     told: list[tuple[float, bool]] = []
     for step in steps:
         told += [(forward_mm, True)] * (step.step - len(told))
-        told.append((moved_mm[step.action or 0], False))
+        told.append((moved_mm[step.action or 0] if step.increment is None else step.increment[2], False))
     return told + [(forward_mm, True)] * (moves - len(told))
 
 
@@ -177,9 +177,11 @@ def _without_progress(definition: Definition, steps: Sequence[JournalStep]) -> l
     rows: list[int] = []
     depth_mm = deepest_mm = -definition.start.height_mm
     idle = 0
+    led_mm = iter([_led_mm(definition, step) for step in steps])
     for dz_mm, guided in _told_mm(definition, steps, 0):
         depth_mm += dz_mm
-        deeper = depth_mm > deepest_mm + _SAME_MM
+        # A move that is no listed one is progress only if it counts as one in +Z.
+        deeper = depth_mm > deepest_mm + _SAME_MM and (guided or next(led_mm) > 0.0)
         deepest_mm = max(deepest_mm, depth_mm)
         idle = 0 if deeper else idle + (not guided)
         if not guided:

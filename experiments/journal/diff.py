@@ -15,7 +15,7 @@ from services.wire.actions import action_names
 from services.wire.definition import Definition
 from services.wire.messages import EpisodeSummary, JournalEpisode, JournalStep, RunRecord, Swap
 
-_OF_A_STEP = ("step", "force_n", "torque_nm", "state", "action", "reward", "policy_version")
+_OF_A_STEP = ("step", "force_n", "torque_nm", "state", "action", "increment", "reward", "policy_version")
 _OF_A_SUMMARY = tuple(name for name in EpisodeSummary.__struct_fields__ if name not in ("run", "episode"))
 
 

@@ -19,6 +19,7 @@ from experiments.journal.magnitudes import Trouble
 from services.agent.fold import AgentFold
 from services.classifier.fold import ClassifierFold
 from services.rules.entries import observation_in
+from services.rules.plugins import proposes
 from services.rules.results import Digests, episodes_digest
 from services.rules.skill import NamedSkill
 from services.rules.swaps import fresh_after, fresh_at, in_force, known_in
@@ -155,8 +156,15 @@ class Replay:
         }
 
     def states(self) -> list[StateMemory]:
-        """Return what is known of each contact state."""
-        learner, art2 = self.agent.learner, self.classifier.network
+        """Return what is known of each contact state; nothing of the agent's where it proposes moves."""
+        art2 = self.classifier.network
+        if proposes(self.agent.learner):
+            rows = zip(art2.counts.tolist(), art2.prototypes.tolist(), strict=True)
+            return [
+                StateMemory(state, "", 0.0, 0, count, (), (), tuple(prototype))
+                for state, (count, prototype) in enumerate(rows)
+            ]
+        learner = self.agent.table
         visits, counts, prototypes = learner.visits, art2.counts, art2.prototypes
         found = []
         for state in range(max(learner.states, art2.states)):
@@ -239,6 +247,8 @@ class Replay:
         self._look()
         if action.action != made.action:
             yield Trouble("action", self._actions[action.action], self._actions[made.action])
+        elif action.increment != step.increment:
+            yield Trouble("increment", str(action.increment), str(step.increment))
         if action.policy_version != made.policy_version:
             yield Trouble("policy_version", str(action.policy_version), str(made.policy_version))
         if (trouble := reward_trouble(definition, entry.steps, index, summary)) is not None:

@@ -27,9 +27,10 @@ from services.cell.terminal import console
 from services.classifier.art2 import Art2
 from services.rules import command_line
 from services.rules.command_line import Parser, whole
+from services.rules.swaps import kind_of
 from services.sim.contact_state import FREE
 from services.wire import definition_file
-from services.wire.definition import Art2Settings, Definition, Plugin
+from services.wire.definition import Art2Settings, Definition
 from services.wire.errors import TreenailError
 from services.wire.messages import Force, Move, Observation, Torque
 
@@ -150,8 +151,8 @@ def _act(arguments: argparse.Namespace) -> int:
     definition = definition_file.load(arguments.experiment, arguments.set)
     runs = [record(definition, seed, arguments.episodes) for seed in range(arguments.seeds)]
     settings = definition.classifier
-    if isinstance(settings, Plugin):
-        raise TreenailError(f"classifier: expected art2, whose settings are tried out here, got {settings.name!r}")
+    if not isinstance(settings, Art2Settings):
+        raise TreenailError(f"classifier: expected art2, whose settings are tried out here, got {kind_of(settings)!r}")
     base = score(settings, runs)
     scores, said_s = [], time.monotonic()
     everything = grid(settings)

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 
 from services.rules.window import Load
 from services.task.insertion import Insertion
-from services.wire.messages import Action, EpisodeSummary, FtPacket, Home, Move, Moved, Observation, Reward
+from services.wire.messages import Action, EpisodeSummary, FtPacket, Home, Motion, Move, Moved, Observation, Reward
 
 Seen = Callable[[Moved, FtPacket], object]
 """Hears of every motion what was applied and what was felt after it."""
@@ -50,8 +50,11 @@ def make(task: Insertion, cell: Cell, motion: Home | Move, seen: Seen = lambda _
         motion = felt.then
 
 
-def told(asked: Observation, action: int, state: int = 0) -> Action:
-    """Return the action of who decides without an agent's memory: of policy version 0."""
+def told(asked: Observation, action: int, state: int = 0, increment: Motion | None = None) -> Action:
+    """Return the action of who decides without an agent's memory: of policy version 0.
+
+    ``increment`` is for a move that is no listed one; ``action`` is then what it counts as.
+    """
     return Action(
         run=asked.run,
         episode=asked.episode,
@@ -61,6 +64,7 @@ def told(asked: Observation, action: int, state: int = 0) -> Action:
         action=action,
         policy_version=0,
         swaps=asked.swaps,
+        increment=increment,
     )
 
 

@@ -64,7 +64,7 @@ def shots(source: Source, entry: JournalEpisode) -> Iterator[Shot]:
                 f"episode {entry.episode}: expected {step.force_n} N after motion {step.step}, as the journal has, got"
                 f" {reached.force_n} N: a film can be made of what this version simulated, not of a real arm"
             )
-        motion = task.act(told(reached, step.action or 0, step.state or 0))
+        motion = task.act(told(reached, step.action or 0, step.state or 0, step.increment))
 
 
 def pictures(source: Source, entry: JournalEpisode) -> Iterator[Pixels]:

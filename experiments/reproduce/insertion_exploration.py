@@ -63,7 +63,7 @@ class WatchedRun(InProcessRun):
         step = self.task.record().steps[-1]
         if step.state is not None and step.action is not None:
             # The values that were decided by: learning from the reward before it comes first.
-            values = self.agent.learner.values(step.state)
+            values = self.agent.table.values(step.state)
             self.explored = self.explored or bool(values[step.action] < values.max())
         return move
 

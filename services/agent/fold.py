@@ -10,12 +10,13 @@ from collections.abc import Mapping, Sequence
 
 from services.agent.learning import Learner as TdLearner
 from services.rules import plugins
+from services.rules.bounds import Bounds, on_grid
 from services.rules.entries import reward_in, state_in
 from services.rules.place import Place, split_place, with_place
-from services.rules.plugins import Learner, Lesson, Opinion, feels
+from services.rules.plugins import ContinuousLearner, Learner, Lesson, Opinion, Proposal, feels, proposes
 from services.rules.timeline import Timeline
 from services.rules.wrench import Reference, Wrench
-from services.wire.actions import repeatable
+from services.wire.actions import Increment, repeatable
 from services.wire.definition import Definition, FeltModel, Plugin
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
 from services.wire.messages import Action, Force, JournalEpisode, Reward, Skill, State, Swap, Torque
@@ -24,11 +25,11 @@ _FORGOTTEN = "fold_forgotten"
 _NOTHING = Wrench((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
-def learner_of(definition: Definition, seed: int) -> Learner:
+def learner_of(definition: Definition, seed: int) -> Learner | ContinuousLearner:
     """Return a learner that has learnt nothing. Raises PluginError for one of another package."""
     moves, settings, policy = definition.moves, definition.learner, definition.policy
     if isinstance(settings, Plugin):
-        return plugins.learner(settings, moves.count, policy, seed)
+        return plugins.learner(definition, settings, seed)
     if isinstance(settings, FeltModel):
         from services.agent.felt import FeltLearner  # here: others need no compiler
 
@@ -53,6 +54,7 @@ class AgentFold:
         self.episode = 0
         """Episode of the last state folded."""
         self._reference = Reference(definition)
+        self._bounds = Bounds(definition)
         self._previous: Lesson | None = None
         self._answers: dict[int, tuple[State, Action]] = {}
         self._received: dict[int, Reward] = {}
@@ -75,7 +77,7 @@ class AgentFold:
             raise DivergedError(f"state: expected episode {self.episode} or later, got {state.episode}")
         self._swap(self.timeline.due(state))
         try:
-            chosen = self._decide(state)
+            chosen, increment = self._decide(state)
         except ValueError as error:
             raise UnusableError(f"state: decision {state.decision}: {error}") from error
         if state.episode > self.episode:
@@ -92,6 +94,7 @@ class AgentFold:
             action=chosen,
             policy_version=self.version,
             swaps=state.swaps,
+            increment=increment,
         )
         self._answers[state.decision] = (state, action)
         self.decisions += 1
@@ -129,6 +132,13 @@ class AgentFold:
         return self._forgotten + self.learner.version
 
     @property
+    def table(self) -> Learner:
+        """The learner, of those that choose from a list of moves. Raises ValueError for one that proposes moves."""
+        if proposes(self.learner):
+            raise ValueError("agent: expected a learner with values of actions, got one that proposes moves")
+        return self.learner
+
+    @property
     def between_episodes(self) -> bool:
         """True when nothing of an episode is under way, so that ``snapshot`` is complete."""
         return self.rewards == self.decisions and self._previous is None
@@ -138,9 +148,18 @@ class AgentFold:
 
         Raises ValueError for numbers out of range.
         """
-        if not feels(self.learner):
+        if proposes(self.learner) or not feels(self.learner):
             return None
         return self.learner.opinion(state, self._reference.felt(force_n, torque_nm), self.episode)
+
+    def proposal(self, state: int, force_n: Force, torque_nm: Torque) -> Proposal | None:
+        """Return what a learner that proposes moves would do at a sample as it is read; None of another learner.
+
+        Raises ValueError for numbers out of range.
+        """
+        if not proposes(self.learner):
+            return None
+        return self.learner.proposal(state, self._reference.felt(force_n, torque_nm), self.episode)
 
     def replay(self, journal: JournalEpisode) -> None:
         """Fold what is new of a journal entry; raises like ``decide``, also when the actions differ."""
@@ -152,6 +171,10 @@ class AgentFold:
             if step.action is not None and step.action != action.action:
                 raise DivergedError(
                     f"replay: decision {decision}: journal has action {step.action}, got {action.action}"
+                )
+            if step.action is not None and step.increment != action.increment:
+                raise DivergedError(
+                    f"replay: decision {decision}: journal has the move {step.increment}, got {action.increment}"
                 )
             if step.reward is not None:
                 self.reward(reward_in(journal, offset, step.reward))
@@ -188,25 +211,34 @@ class AgentFold:
         self._answers.clear()
         self._received.clear()
 
-    def _decide(self, state: State) -> int:
-        """Return the learner's action. Raises ValueError."""
+    def _decide(self, state: State) -> tuple[int, Increment | None]:
+        """Return the learner's action, and the move where it is no listed one. Raises ValueError."""
         learner, previous = self.learner, self._previous
+        if proposes(learner):
+            proposed = learner.decide_move(previous, state.state, self._felt(state), state.episode, state.step)
+            increment = on_grid(Increment(*proposed))
+            if complaint := self._bounds.complaint(increment):
+                raise ValueError(f"proposed move: {complaint}")
+            return self._bounds.counts_as(increment), increment
         if feels(learner):
-            return learner.decide_felt(previous, state.state, self._felt(state), state.episode, state.step)
+            return learner.decide_felt(previous, state.state, self._felt(state), state.episode, state.step), None
         lesson = None if previous is None else previous[:3]
-        return learner.decide(lesson, state.state, state.episode, state.step)
+        return learner.decide(lesson, state.state, state.episode, state.step), None
 
     def _finish(self, lesson: Lesson) -> None:
         """Teach an episode's last decision. Raises ValueError."""
-        if feels(self.learner):
+        if proposes(self.learner):
+            self.learner.finish_move(lesson)
+        elif feels(self.learner):
             self.learner.finish_felt(lesson)
         else:
             self.learner.finish(lesson[:3])
 
     def _lesson(self, state: State, action: Action, reward: Reward) -> Lesson:
         """Return what a decision led to."""
-        felt = self._felt(state) if feels(self.learner) else _NOTHING
-        return Lesson(state.state, action.action, reward.reward, felt, reward.terminal)
+        felt = self._felt(state) if proposes(self.learner) or feels(self.learner) else _NOTHING
+        increment = None if action.increment is None else Increment(*action.increment)
+        return Lesson(state.state, action.action, reward.reward, felt, reward.terminal, increment)
 
     def _felt(self, state: State) -> Wrench:
         """Return what was felt in a state. Raises ValueError where nobody says it."""
@@ -235,7 +267,7 @@ class AgentFold:
         limits = self.timeline.definition.limits
         return reward.terminal == "move_limit" and limits.truncation == "untaught"
 
-    def _learner_after(self, swaps: int) -> Learner:
+    def _learner_after(self, swaps: int) -> Learner | ContinuousLearner:
         """Return the learner after so many swaps, as it is before it learns. Raises ValueError."""
         learner = learner_of(self.timeline.definition_after(swaps), self._seed)
         learner.episodes_before = self.learner.episodes_before

@@ -10,7 +10,7 @@ from services.bus.answers import Asked, Request, ft_vector, state_number
 from services.bus.relay import Relay
 from services.bus.service import Options, Service
 from services.bus.worker import Worker
-from services.rules.plugins import feels
+from services.rules.plugins import feels, proposes
 from services.wire.actions import action_names
 from services.wire.errors import BadPayloadError, RefusedError
 from services.wire.keys import ACTION, CLASSIFY, POLICY, Q_TABLE, REWARD, STATE
@@ -90,6 +90,8 @@ class AgentShell:
         run = self._worker.fold.run
         if classified.run != run:
             raise RefusedError(f"{CLASSIFY}: expected one of run {run}, got one of {classified.run}")
+        if (proposed := proposal(self._worker.fold, classified, force_n, torque_nm)) is not None:
+            return proposed
         answer = policy(self._worker, classified.state, classified.match)
         return with_opinion(self._worker.fold, answer, force_n, torque_nm)
 
@@ -99,8 +101,20 @@ class AgentShell:
 
 
 def q_table(worker: Worker[AgentFold]) -> QTable:
-    """Answer ``agent/q_table``."""
+    """Answer ``agent/q_table``: with no rows where moves are proposed, as there are no values of actions."""
     fold, learner = worker.fold, worker.fold.learner
+    if proposes(learner):
+        return QTable(
+            run=fold.run,
+            decisions=fold.decisions,
+            policy_version=fold.version,
+            actions=(),
+            q=(),
+            visits=(),
+            best_action=(),
+            digest=learner.digest(),
+            partial=True,
+        )
     return QTable(
         run=fold.run,
         decisions=fold.decisions,
@@ -117,6 +131,8 @@ def q_table(worker: Worker[AgentFold]) -> QTable:
 def policy(worker: Worker[AgentFold], state: int | None, match: float | None) -> PolicyAnswer:
     """Return what the agent would do in a state; None is one that nobody has felt yet. Raises BadPayloadError."""
     fold, learner = worker.fold, worker.fold.learner
+    if proposes(learner):
+        raise BadPayloadError(f"state: expected {POLICY}?ft=..., as moves are proposed by what is felt, got a state")
     row = learner.states if state is None else state
     if row >= MAX_STATES:
         raise BadPayloadError(f"state: expected one below {MAX_STATES}, got {row}")
@@ -135,6 +151,33 @@ def policy(worker: Worker[AgentFold], state: int | None, match: float | None) ->
         visits=tuple(learner.visits[row].tolist()) if in_table else (0,) * len(actions),
         best_action=learner.best_action(row),
         partial=feels(learner),
+    )
+
+
+def proposal(fold: AgentFold, classified: Classified, force_n: Force, torque_nm: Torque) -> PolicyAnswer | None:
+    """Return the move that a learner of moves would make at a sample; None of another. Raises BadPayloadError."""
+    try:
+        proposed = fold.proposal(
+            classified.states if classified.state is None else classified.state, force_n, torque_nm
+        )
+    except ValueError as error:
+        raise BadPayloadError(f"ft: {error}") from error
+    if proposed is None:
+        return None
+    return PolicyAnswer(
+        run=fold.run,
+        policy_version=fold.version,
+        state=classified.state,
+        match=classified.match,
+        known=fold.version > 0,
+        actions=(),
+        values=(),
+        probabilities=(),
+        visits=(),
+        best_action=0,
+        increment=proposed.increment,
+        spread=proposed.spread,
+        worth=proposed.worth,
     )
 
 

@@ -8,19 +8,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from services.classifier.art2 import Art2
+from services.classifier.unclassified import OneClass
 from services.rules import plugins
 from services.rules.entries import observation_in
 from services.rules.place import Place, split_place, with_place
 from services.rules.plugins import Classification, Classifier, ClassifierFullError, hears
 from services.rules.timeline import Timeline
 from services.rules.wrench import Reference
-from services.wire.definition import Art2Settings, ClassifierSettings, Definition
+from services.wire.definition import Art2Settings, ClassifierSettings, Definition, Unclassified
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
 from services.wire.messages import Force, JournalEpisode, Observation, Skill, State, Swap, Torque
 
 
 def classifier_of(settings: ClassifierSettings) -> Classifier:
     """Return a classifier that has learnt nothing. Raises ValueError, or PluginError for one of another package."""
+    if isinstance(settings, Unclassified):
+        return OneClass()
     return Art2(settings) if isinstance(settings, Art2Settings) else plugins.classifier(settings)
 
 

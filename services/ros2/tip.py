@@ -9,7 +9,7 @@ from __future__ import annotations
 from services.rules.poses import Pose
 from services.rules.start_pose import start_pose
 from services.rules.workspace import rotation
-from services.wire.actions import guidance, increments
+from services.wire.actions import Increment, guidance, increments
 from services.wire.messages import Action, Experiment
 
 
@@ -48,7 +48,8 @@ class Tip:
         pose, made = self._at
         for _ in range(action.step - made):
             pose = pose.after(self._guidance, self._centre_mm)
-        pose = pose.after(self._increments[action.action], self._centre_mm)
+        listed, other = self._increments[action.action], action.increment
+        pose = pose.after(listed if other is None else Increment(*other), self._centre_mm)
         self._at = pose, action.step + 1
         return pose
 

@@ -21,9 +21,10 @@ from __future__ import annotations
 
 import math
 
+from services.rules.bounds import Bounds
 from services.rules.window import unusable
 from services.rules.workspace import Workspace
-from services.wire.actions import Increment, guidance, increments
+from services.wire.actions import Increment, extremes, guidance, increments
 from services.wire.definition import Definition
 from services.wire.force_bound import ForceBound
 from services.wire.messages import FtPacket, Home, Move, Moved
@@ -49,12 +50,12 @@ class Guard:
             "ry_deg": (start.ry_deg - ry_deg, start.ry_deg + ry_deg),
             "rz_deg": (start.rz_deg - rz_deg, start.rz_deg + rz_deg),
         }
-        motions = (*increments(moves), guidance(moves))
         self._steps = {
             name: (min(0.0, *values), max(0.0, *values))
-            for name, values in zip(Increment._fields, zip(*motions, strict=True), strict=True)
+            for name, values in zip(Increment._fields, zip(*extremes(moves), strict=True), strict=True)
         }
-        self._listed = motions if moves.list else ()
+        self._listed = (*increments(moves), guidance(moves)) if moves.list else ()
+        self._bounds = Bounds(definition)
         self._oldest_s = oldest_s
         self._most_steps = limits.move_limit
         self._collision_force_n, self._hard_force_n = limits.collision_force_n, limits.hard_force_n
@@ -80,7 +81,7 @@ class Guard:
         if move.step > self._most_steps:
             return f"guard: step: expected at most {self._most_steps} motions since home, got {move.step}; {_ONLY_HOME}"
         increment = increment_of(move)
-        if self._listed and min(math.dist(increment, listed) for listed in self._listed) > _ROUNDING:
+        if self._listed and not self._bounds.hold(increment) and self._apart(increment) > _ROUNDING:
             return f"guard: move: expected one of moves.list or a step of guidance, got {tuple(increment)}"
         return self._workspace.complaint(increment) or self._pressing(math.hypot(*felt.force_n[-1]), increment)
 
@@ -102,6 +103,10 @@ class Guard:
             got = f"{felt.force_n[-1]} N and {felt.torque_nm[-1]} N m"
             return f"guard: sensor: expected a finite force and torque, got {got}; {_ONLY_HOME}"
         return None
+
+    def _apart(self, increment: Increment) -> float:
+        """Return how far a motion is from the nearest of the list."""
+        return min(math.dist(increment, listed) for listed in self._listed)
 
     def _pressing(self, force_n: float, increment: Increment) -> str | None:
         """Return why a motion is refused after a force of this magnitude, or None."""

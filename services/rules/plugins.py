@@ -1,5 +1,8 @@
 """Classifiers and learners of other packages: what they have to be, and how they are found.
 
+A learner is of one of three kinds, told by its methods: a ``Learner`` is given the class of what is felt, a
+``FeelingLearner`` force and torque beside it; both answer the number of a move. A ``ContinuousLearner`` answers a move.
+
 A package registers a class under the entry point group ``treenail.classifiers`` or ``treenail.learners``; a definition
 names it with ``kind = "plugin"``. Only what is installed can be named: nothing is ever loaded from a message.
 """
@@ -9,17 +12,22 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
-from typing import NamedTuple, Protocol, TypeGuard, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeGuard, TypeVar
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from services.rules.bounds import Bounds
 from services.rules.wrench import Wrench
-from services.wire.definition import Definition, Plugin, Policy, Setting
+from services.wire.actions import Increment
+from services.wire.definition import Definition, Plugin, Setting
 from services.wire.errors import TreenailError
 from services.wire.messages import Outcome
 from services.wire.text import in_words
+
+if TYPE_CHECKING:
+    from typing_extensions import TypeIs
 
 CLASSIFIERS, LEARNERS = "treenail.classifiers", "treenail.learners"
 """Groups of entry points."""
@@ -103,27 +111,40 @@ class EpisodicClassifier(Classifier, Protocol):
         """Hear which action was decided on since the last vector, before the one that came of it is learnt."""
 
 
-class Learner(Protocol):
+class Memory(Protocol):
+    """What every learner has: what it learnt is a function of the updates alone."""
+
+    episodes_before: int
+    """Episodes that it was learnt in before this run; whoever begins with a skill sets it."""
+
+    @property
+    def states(self) -> int:
+        """Rows of the table: 1 + the highest state updated so far; 0 of who keeps nothing by states."""
+
+    @property
+    def version(self) -> int:
+        """Number of updates so far."""
+
+    def snapshot(self) -> dict[str, bytes | int]:
+        """Return all that was learnt, ``states`` and ``version`` among it."""
+
+    def restore(self, snapshot: Mapping[str, bytes | int]) -> None:
+        """Take over a snapshot, to the last bit. ValueError, with nothing changed, when it does not fit."""
+
+    def digest(self) -> str:
+        """Return a SHA-256 in hex: equal for equal memories."""
+
+
+class Learner(Memory, Protocol):
     """What learns actions. Called as ``Learner(actions, settings, policy, seed)``, ``settings`` being a mapping.
 
     Its table is a function of the updates alone, and an action of (table, seed, episode, step). The easiest way to one
     is a subclass of ``services.agent.learning.Learner``.
     """
 
-    episodes_before: int
-    """Episodes that the table was learnt in before this run; whoever begins with a skill sets it."""
-
-    @property
-    def states(self) -> int:
-        """Rows of the table: 1 + the highest state updated so far."""
-
     @property
     def actions(self) -> int:
         """Number of actions."""
-
-    @property
-    def version(self) -> int:
-        """Number of updates so far."""
 
     @property
     def q(self) -> NDArray[np.float64]:
@@ -151,15 +172,6 @@ class Learner(Protocol):
     def finish(self, previous: tuple[int, int, float]) -> None:
         """Learn from the last (state, action, reward) of an episode, unless ``limits.truncation`` leaves it out."""
 
-    def snapshot(self) -> dict[str, bytes | int]:
-        """Return the table, ``states`` and ``version`` among it."""
-
-    def restore(self, snapshot: Mapping[str, bytes | int]) -> None:
-        """Take over a snapshot, to the last bit. ValueError, with nothing changed, when it does not fit."""
-
-    def digest(self) -> str:
-        """Return a SHA-256 in hex: equal for equal tables."""
-
 
 class Lesson(NamedTuple):
     """What a decision led to, for a learner that feels."""
@@ -171,6 +183,8 @@ class Lesson(NamedTuple):
     """What was felt when it was decided."""
     outcome: Outcome | None = None
     """How the episode ended with it; None when another decision followed."""
+    increment: Increment | None = None
+    """The move, of a learner that proposes moves; ``action`` is then what it counted as."""
 
 
 class FeelingLearner(Learner, Protocol):
@@ -205,6 +219,40 @@ class Opinion(NamedTuple):
     """Probability that the policy takes it."""
 
 
+class ContinuousLearner(Memory, Protocol):
+    """What learns moves within bounds. Called as ``ContinuousLearner(bounds, settings, seed)``.
+
+    A proposal is made as it is but for its last decimals, which are rounded towards 0 (``services.rules.bounds``); one
+    out of bounds stops the run. ``Bounds.within`` makes a proposal that is in bounds. The definition's policy is not
+    heeded: how it tries moves is its own.
+    """
+
+    def decide_move(self, previous: Lesson | None, state: int, felt: Wrench, episode: int, step: int) -> Increment:
+        """Learn from ``previous``, which led to here, and return the move to make. ValueError as ``Learner.decide``."""
+
+    def finish_move(self, previous: Lesson) -> None:
+        """Learn from the last decision of an episode, unless ``limits.truncation`` leaves it out."""
+
+    def proposal(self, state: int, felt: Wrench, episode: int) -> Proposal:
+        """Return what would be done without trying; changes nothing. ValueError for numbers out of range."""
+
+
+class Proposal(NamedTuple):
+    """What a learner of moves thinks in one state at one wrench."""
+
+    increment: Increment
+    """The move that it would make without trying; within bounds."""
+    spread: Increment
+    """Standard deviation that it tries moves with, axis by axis."""
+    worth: float
+    """What it thinks that the move earns, in its own measure."""
+
+
+def proposes(learner: Learner | ContinuousLearner) -> TypeIs[ContinuousLearner]:
+    """Return whether a learner answers moves, not their numbers."""
+    return _proposes(type(learner))
+
+
 def feels(learner: Learner) -> TypeGuard[FeelingLearner]:
     """Return whether a learner is to be given what is felt."""
     return _has(type(learner), ("decide_felt", "finish_felt", "opinion"))
@@ -215,8 +263,12 @@ def hears(classifier: Classifier) -> TypeGuard[EpisodicClassifier]:
     return _has(type(classifier), ("begin", "took"))
 
 
+def _proposes(kind: Callable[..., object]) -> bool:
+    return _has(kind, ("decide_move", "finish_move", "proposal"))
+
+
 @cache
-def _has(kind: type, methods: tuple[str, ...]) -> bool:
+def _has(kind: Callable[..., object], methods: tuple[str, ...]) -> bool:
     """Return whether a class has these methods; asked at every decision, so it is looked up once."""
     return all(callable(getattr(kind, name, None)) for name in methods)
 
@@ -237,9 +289,20 @@ def classifier(plugin: Plugin) -> Classifier:
     return _build(CLASSIFIERS, "classifier", plugin, lambda kind: kind(dict(plugin.settings)))
 
 
-def learner(plugin: Plugin, actions: int, policy: Policy, seed: int) -> Learner:
-    """Return a learner that has learnt nothing. Raises PluginError."""
-    return _build(LEARNERS, "learner", plugin, lambda kind: kind(actions, dict(plugin.settings), policy, seed))
+def learner(definition: Definition, plugin: Plugin, seed: int) -> Learner | ContinuousLearner:
+    """Return a learner for a definition that has learnt nothing. Raises PluginError."""
+    bounds, settings = Bounds(definition), dict(plugin.settings)
+
+    def construct(kind: Callable[..., Learner | ContinuousLearner]) -> Learner | ContinuousLearner:
+        if not _proposes(kind):
+            return kind(definition.moves.count, settings, definition.policy, seed)
+        if not bounds.axes:
+            raise PluginError(
+                f"learner {plugin.name!r} proposes moves within bounds: expected some in moves.continuous, got none"
+            )
+        return kind(bounds, settings, seed)
+
+    return _build(LEARNERS, "learner", plugin, construct)
 
 
 def check(definition: Definition) -> None:
@@ -247,7 +310,7 @@ def check(definition: Definition) -> None:
     if isinstance(definition.classifier, Plugin):
         classifier(definition.classifier)
     if isinstance(definition.learner, Plugin):
-        learner(definition.learner, definition.moves.count, definition.policy, 0)
+        learner(definition, definition.learner, 0)
 
 
 def settings_as(wanted: type[T], given: Mapping[str, Setting]) -> T:

@@ -21,7 +21,7 @@ from services.rules.swaps import in_force, kind_of
 from services.wire import codec
 from services.wire.actions import action_names, increments
 from services.wire.codec import contract_sha256
-from services.wire.definition import Art2Settings, Definition, FeltModel, Plugin
+from services.wire.definition import Art2Settings, Definition, FeltModel, Plugin, Unclassified
 from services.wire.definition_file import definition_sha256, run_id
 from services.wire.definition_rules import contradiction
 from services.wire.errors import BadPayloadError, ContractError, TreenailError
@@ -194,7 +194,7 @@ def _sound(payload: bytes, skill: Skill) -> NamedSkill:
         states = check_felt(skill.agent, definition.moves)
     else:
         states = check_agent(skill.agent, len(skill.actions))
-    if isinstance(learnt.classifier, Plugin):
+    if isinstance(learnt.classifier, Plugin | Unclassified):
         classes = number(skill.classifier, "states")
     else:
         classes = check_classifier(skill.classifier, learnt.classifier)
@@ -208,11 +208,18 @@ def _sound(payload: bytes, skill: Skill) -> NamedSkill:
 
 
 def _fits_plugins(definition: Definition, learnt: Definition) -> None:
-    """Raise SkillError where a plug-in's memory would have to be read by something else, or told something else."""
+    """Raise SkillError where a plug-in's memory would have to be read by something else, or told something else.
+
+    So it is with one that has no classes; and moves that are proposed mean something only within the same bounds.
+    """
+    alone = Plugin | Unclassified
     for what in ("classifier", "learner"):
         expected, got = getattr(definition, what), getattr(learnt, what)
-        if (isinstance(expected, Plugin) or isinstance(got, Plugin)) and expected != got:
+        if (isinstance(expected, alone) or isinstance(got, alone)) and expected != got:
             raise SkillError(f"skill: expected {what} {expected}, got {got}")
+    bounds, learnt_bounds = definition.moves.continuous, learnt.moves.continuous
+    if isinstance(definition.learner, Plugin) and bounds != learnt_bounds:
+        raise SkillError(f"skill: expected moves.continuous {bounds}, got {learnt_bounds}")
 
 
 def _fits_model(definition: Definition, learnt: Definition) -> None:

@@ -32,7 +32,7 @@ from services.wire.messages import Swap, SwapRequest
 
 LARGEST_BYTES = 8192
 """Of one swap: all of a run fit into one message."""
-BUILT_IN = {"classifier": ("art2",), "learner": (*TD_LEARNERS, "felt")}
+BUILT_IN = {"classifier": ("art2", "none"), "learner": (*TD_LEARNERS, "felt")}
 """Kinds that need no plug-in, by table of the definition."""
 SPEC = "EPISODE:SERVICE:KEY=VALUE,..."
 SPEC_HELP = "swap from an episode on, as in 100:agent:learner=sarsa or 100:classifier:rho=0.95; may be repeated"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from services.wire.actions import Increment, guidance, increments
+from services.wire.actions import Increment, extremes
 from services.wire.definition import Definition
 from services.wire.definition_rules import reach_mm
 
@@ -26,9 +26,11 @@ class Workspace:
     def __init__(self, definition: Definition) -> None:
         """Take the limits from a definition; where it gives none, what its longest episode can do."""
         moves, limits = definition.moves, definition.limits
-        motions = (*increments(moves), guidance(moves))
+        motions = extremes(moves)
         shift_mm = max(math.hypot(*motion[:3]) for motion in motions)
-        turn_deg = max(sum(map(abs, motion[3:])) for motion in motions) if moves.list else moves.rotation_deg
+        turn_deg = moves.rotation_deg
+        if moves.list or moves.continuous.any:
+            turn_deg = max(sum(map(abs, motion[3:])) for motion in motions)
         self._centre_mm = moves.rotation_centre_mm
         # A tip that swings about a point behind it is at most twice as far away as that point.
         self._most_mm = limits.workspace_mm or limits.move_limit * shift_mm + 2.0 * self._centre_mm

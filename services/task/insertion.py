@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
+from services.rules.bounds import Bounds
 from services.rules.forces import Forces
 from services.rules.guard import increment_of
 from services.rules.start_pose import start_pose
@@ -100,7 +101,7 @@ class Insertion:
         self._run = run
         self._seed = seed
         self._known_states = 0
-        self._increments = increments(definition.moves)
+        self._increments, self._bounds = increments(definition.moves), Bounds(definition)
         self._potential = Potential(definition)
         self._success_mm = definition.limits.success_fraction * definition.parts.peg_height_mm
         self._contact_n = contact_force_n(definition)
@@ -174,26 +175,44 @@ class Insertion:
         self._now.force_n, self._now.potential = force, potential
         return Felt(reward, self._observe(force_n, torque_nm))
 
-    def act(self, action: Action, increment: Increment | None = None) -> Move:
+    def act(self, action: Action) -> Move:
         """Take the agent's decision about the last observation and return the motion to make.
 
-        ``increment`` is made in place of the listed one, for who decides about any motion: ``action`` then says as
-        which of the list it counts.
+        Raises TreenailError for one that is not waited for, or for no move that there is.
         """
         if self._now.observation is None or action.decision != self._now.observation.decision:
             raise TreenailError(f"task: got an action for decision {action.decision}, which is not the one waited for")
-        if action.action >= len(self._increments):
-            raise TreenailError(f"task: expected an action below {len(self._increments)}, got {action.action}")
+        if complaint := self.complaint(action):
+            raise TreenailError(f"task: {complaint}")
         self._now.steps[-1] = replace(
-            self._now.steps[-1], state=action.state, action=action.action, policy_version=action.policy_version
+            self._now.steps[-1],
+            state=action.state,
+            action=action.action,
+            policy_version=action.policy_version,
+            increment=action.increment,
         )
         self._now.states = max(self._now.states, action.state + 1)
         self._now.observation = None
         self._now.acting = action
         listed = self._increments[action.action]
-        idle = 0 if self._deeper(listed) else self._now.moves_without_progress + 1
-        self._now.moves_without_progress = idle
-        return self._move(listed if increment is None else increment)
+        increment = listed if action.increment is None else Increment(*action.increment)
+        progress = listed.dz_mm > 0.0 and self._deeper(increment)
+        self._now.moves_without_progress = 0 if progress else self._now.moves_without_progress + 1
+        return self._move(increment)
+
+    def complaint(self, action: Action) -> str | None:
+        """Return why a decision is for no move that there is, or None."""
+        if action.action >= len(self._increments):
+            return f"action: expected one below {len(self._increments)}, got {action.action}"
+        if action.increment is None:
+            return None
+        increment = Increment(*action.increment)
+        if complaint := self._bounds.complaint(increment):
+            return f"action: increment: {complaint}"
+        counts_as = self._bounds.counts_as(increment)
+        if action.action != counts_as:
+            return f"action: expected {counts_as}, as which such a move counts, got {action.action}"
+        return None
 
     def record(self) -> JournalEpisode:
         """Return the episode so far, as the journal and catching-up workers want it."""

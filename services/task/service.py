@@ -227,8 +227,8 @@ class TaskShell:
         if (action.episode, action.step, action.swaps) != (asked.episode, asked.step, asked.swaps):
             expected, got = (f"{message.episode}, {message.step}, {message.swaps}" for message in (asked, action))
             raise DivergedError(f"action: expected episode, step and swaps {expected}, got {got}")
-        if action.action >= self._definition.moves.count:
-            raise DivergedError(f"action: expected one below {self._definition.moves.count}, got {action.action}")
+        if complaint := now.insertion.complaint(action):
+            raise DivergedError(complaint)
         highest = now.first_version + action.decision
         if not now.version <= action.policy_version <= highest:
             expected = f"{now.version} to {highest}"

@@ -15,6 +15,8 @@ INSERT = ACTION_NAMES.index("+Z")
 """Index of the action, of the thesis's, that steps in the direction of insertion."""
 
 
+GRID = 4
+"""Decimals [mm, deg] of a move that is no listed one: those that every robot makes and answers with."""
 _SAME = 1e-9
 """Distance between unit vectors up to which two directions are one."""
 
@@ -61,6 +63,19 @@ def increments(moves: Moves) -> tuple[Increment, ...]:
 def guidance(moves: Moves) -> Increment:
     """Return the step that the task makes by itself where nothing is touched."""
     return Increment(dz_mm=moves.insertion_mm)
+
+
+def extremes(moves: Moves) -> tuple[Increment, ...]:
+    """Return the moves that there are, the task's own step, and of any others the least and the greatest of each axis.
+
+    The last two only where there are bounds: then every move is, axis by axis, between some of these.
+    """
+    most, motions = moves.continuous, (*increments(moves), guidance(moves))
+    if not most.any:
+        return motions
+    turns = (most.rx_deg, most.ry_deg, most.rz_deg)
+    low = Increment(-most.x_mm, -most.y_mm, -most.back_mm, *(-turn for turn in turns))
+    return (*motions, low, Increment(most.x_mm, most.y_mm, most.z_mm, *turns))
 
 
 def repeatable(moves: Moves) -> tuple[bool, ...]:

@@ -6,11 +6,11 @@ from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
-from services.wire.message_base import Count, Decision, Message, Number, RunId, Sha256, StateNumber
+from services.wire.message_base import Count, Decision, Message, Motion, Number, RunId, Sha256, StateNumber
 
 
 class QTable(Message, frozen=True, kw_only=True):
-    """Reply to ``agent/q_table``: one row a state, one column an action."""
+    """Reply to ``agent/q_table``: one row a state, one column an action; no rows where moves are proposed instead."""
 
     VERSION: ClassVar[int] = 2
     LARGEST_BYTES: ClassVar[int] = 1 << 22
@@ -30,7 +30,7 @@ class QTable(Message, frozen=True, kw_only=True):
 class PolicyAnswer(Message, frozen=True, kw_only=True):
     """Reply to ``agent/policy``: what the agent would do in one state, or when it feels one F/T vector."""
 
-    VERSION: ClassVar[int] = 3
+    VERSION: ClassVar[int] = 4
 
     run: RunId
     policy_version: Count
@@ -53,3 +53,9 @@ class PolicyAnswer(Message, frozen=True, kw_only=True):
     """Of the same, what is thought to come after it: the other part."""
     deviations: tuple[Number, ...] = ()
     """Standard deviation of the model's part."""
+    increment: Motion | None = None
+    """Of a learner that proposes moves, the one that it would make without trying; it has no values of actions."""
+    spread: Motion | None = None
+    """Standard deviations that it tries moves with, axis by axis."""
+    worth: Number | None = None
+    """What it thinks that the move earns, in its own measure."""

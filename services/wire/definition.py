@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta
 
-from services.wire.definition_base import AngleDeg, Checked, OffsetMm, SignedStep, StepSize
+from services.wire.definition_base import AngleDeg, Checked, OffsetMm
 from services.wire.definition_base import Finite as Finite
 from services.wire.definition_base import Fraction as Fraction
 from services.wire.definition_base import NotNegative as NotNegative
@@ -43,8 +43,12 @@ from services.wire.definition_learning import Shaping as Shaping
 from services.wire.definition_learning import Softmax as Softmax
 from services.wire.definition_learning import TdSettings as TdSettings
 from services.wire.definition_learning import Thompson as Thompson
+from services.wire.definition_learning import Unclassified as Unclassified
+from services.wire.definition_moves import Continuous as Continuous
+from services.wire.definition_moves import Moves as Moves
+from services.wire.definition_moves import NamedMove as NamedMove
 from services.wire.definition_world import Change, Hole
-from services.wire.message_base import LONGEST_EPISODE, LONGEST_RUN, MOST_ACTIONS
+from services.wire.message_base import LONGEST_EPISODE, LONGEST_RUN
 
 
 class Parts(Checked, frozen=True, kw_only=True):
@@ -156,47 +160,6 @@ class Start(Checked, frozen=True, kw_only=True):
 
 SPREADS = tuple(name for name in Start.__struct_fields__ if "_spread_" in name)
 """The keys of a start that make it a random one."""
-
-
-class NamedMove(Checked, frozen=True, kw_only=True):
-    """One action: an increment in the tool frame; what turns, turns about ``rotation_centre_mm``."""
-
-    name: Annotated[str, Meta(pattern=r"^[A-Za-z0-9+-][A-Za-z0-9+_-]{0,15}\Z")]
-    """What it is called in tables, plots and answers."""
-    x_mm: SignedStep = 0.0
-    """Shift along X."""
-    y_mm: SignedStep = 0.0
-    """Shift along Y."""
-    z_mm: SignedStep = 0.0
-    """Shift along Z: insertion, or below 0 back out."""
-    rx_deg: SignedStep = 0.0
-    """Turn about X; several combine as R = Rz Ry Rx."""
-    ry_deg: SignedStep = 0.0
-    """Turn about Y."""
-    rz_deg: SignedStep = 0.0
-    """Turn about the peg."""
-
-
-class Moves(Checked, frozen=True, kw_only=True):
-    """The agent's actions: one increment each, in the tool frame (thesis 6.1, 6.4)."""
-
-    actions: Literal[5, 9, 11] = 9
-    """5: +-X +-Y +Z. 9: and +-rotation about X and Y. 11: and +-rotation about Z."""
-    lateral_mm: StepSize = 0.2
-    """Size of a move along X or Y."""
-    insertion_mm: StepSize = 0.2
-    """Size of a move along +Z, the agent's and the guidance's alike."""
-    rotation_deg: StepSize = 0.2
-    """Size of a rotation."""
-    rotation_centre_mm: Annotated[float, Meta(ge=0, le=500)] = 0.0
-    """How far behind the tip the point is that rotations turn about: 0 for the tip, else the lever of a flange."""
-    list: Annotated[tuple[NamedMove, ...], Meta(max_length=MOST_ACTIONS)] = ()
-    """The actions one by one, in place of the numbered ones and their sizes; guidance steps by insertion_mm still."""
-
-    @property
-    def count(self) -> int:
-        """How many actions there are."""
-        return len(self.list) or self.actions
 
 
 class Limits(Checked, frozen=True, kw_only=True):

@@ -12,6 +12,7 @@ Fraction = Annotated[float, Meta(ge=0, le=1)]
 OffsetMm = Annotated[float, Meta(ge=-20, le=20)]
 AngleDeg = Annotated[float, Meta(ge=-20, le=20)]
 StepSize = Annotated[float, Meta(gt=0, le=2)]
+Bound = Annotated[float, Meta(ge=0, le=2)]
 SignedStep = Annotated[float, Meta(ge=-2, le=2)]
 Setting = bool | int | Finite | Annotated[str, Meta(max_length=1000)]
 

@@ -17,7 +17,7 @@ from typing import Any, get_args, get_type_hints
 
 import msgspec
 
-from services.wire.definition import Calibration, Definition, Drift, Felt, Shaping, Tool
+from services.wire.definition import Calibration, Continuous, Definition, Drift, Felt, Shaping, Tool
 from services.wire.definition_rules import contradiction
 from services.wire.errors import DefinitionError, TreenailError
 from services.wire.message_base import LONGEST_RUN
@@ -55,6 +55,7 @@ _LATER: Mapping[str, object] = {
     "wrist.sensor_ry_deg": 0.0,
     "wrist.sensor_rz_deg": 0.0,
     "moves.list": (),
+    "moves.continuous": msgspec.to_builtins(Continuous()),
     "learner.trace": 0.0,
     "reward.force_per_n": 0.0,
     "policy.repeat": 0.0,

@@ -96,6 +96,10 @@ class Art2Settings(Checked, frozen=True, kw_only=True, tag_field="kind", tag="ar
     """What an input that fits no class gets when all are taken: the best matching class, unlearnt, or an error."""
 
 
+class Unclassified(Checked, frozen=True, kw_only=True, tag_field="kind", tag="none"):
+    """No contact states: whatever is felt is of the one class 0, for a learner that goes by force and torque alone."""
+
+
 class QLearning(Checked, frozen=True, kw_only=True, tag_field="kind", tag="q_learning"):
     """Q-learning (thesis eq. 4.4), one-step unless ``trace`` says otherwise."""
 
@@ -199,7 +203,7 @@ class Thompson(Exploring, frozen=True, kw_only=True, tag_field="kind", tag="thom
 
 
 Reward = InsertionReward | ForceChangeReward
-ClassifierSettings = Art2Settings | Plugin
+ClassifierSettings = Art2Settings | Unclassified | Plugin
 TdSettings = QLearning | Sarsa
 LearnerSettings = TdSettings | FeltModel | Plugin
 TD_LEARNERS: Mapping[str, type[TdSettings]] = {"q_learning": QLearning, "sarsa": Sarsa}

@@ -129,10 +129,21 @@ def _toml(kind: type[Struct], given: dict[str, str]) -> Iterator[str]:
 
 
 def tables() -> list[tuple[str, list[type[Struct]]]]:
-    """Return the tables of a definition, each with the kinds that it may be of, the usual one first."""
-    usual = {field.name: type(field.default) for field in msgspec.structs.fields(Definition)}
-    kinds_of = ((name, _structs(hint)) for name, hint in hints_of(Definition).items())
-    return [(name, sorted(kinds, key=lambda kind: kind is not usual[name])) for name, kinds in kinds_of if kinds]
+    """Return the tables of a definition by their dotted names, each with the kinds that it may be of, the usual first.
+
+    A table that is within another follows it.
+    """
+    return list(_tables(Definition, ""))
+
+
+def _tables(owner: type[Struct], prefix: str) -> Iterator[tuple[str, list[type[Struct]]]]:
+    usual = {field.name: type(field.default) for field in msgspec.structs.fields(owner)}
+    for name, hint in hints_of(owner).items():
+        kinds = sorted(_structs(hint), key=lambda kind: kind is not usual[name])
+        if kinds:
+            yield f"{prefix}{name}", kinds
+        for kind in kinds:
+            yield from _tables(kind, f"{prefix}{name}.")
 
 
 def _structs(hint: object) -> list[type[Struct]]:

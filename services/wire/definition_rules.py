@@ -6,7 +6,7 @@ import math
 
 from msgspec import ValidationError, convert, to_builtins
 
-from services.wire.actions import guidance, increments
+from services.wire.actions import extremes, increments
 from services.wire.cross_section import Corner, CrossSection
 from services.wire.definition import (
     SPREADS,
@@ -17,7 +17,9 @@ from services.wire.definition import (
     Moves,
     Plugin,
     Start,
+    TdSettings,
     Thompson,
+    Unclassified,
 )
 from services.wire.definition_changes import phases
 from services.wire.force_bound import ForceBound
@@ -102,6 +104,11 @@ def contradiction(definition: Definition) -> tuple[str, str] | None:
             f"expected learner.kind = 'felt' with it, got {_kind(definition)!r}, which has nothing to draw from",
         ),
         (
+            not isinstance(classifier, Unclassified) or not isinstance(definition.learner, TdSettings),
+            "classifier.kind",
+            f"expected one that tells states apart with learner.kind = {_kind(definition)!r}, got 'none'",
+        ),
+        (
             felt.torque == "lever" or felt.lever_mm == 0.0,
             "felt.lever_mm",
             f"expected 0 with felt.torque = {felt.torque!r}, which does not ask for it, got {felt.lever_mm}",
@@ -143,10 +150,21 @@ def _moves_rules(moves: Moves) -> tuple[tuple[bool, str, str], ...]:
     twice = next((name for name in names if names.count(name) > 1), None)
     still = next((move.name for move in moves.list if not any(increments(Moves(list=(move,)))[0])), None)
     forward = not moves.list or any(move.z_mm > 0.0 for move in moves.list)
+    bounds, back = moves.continuous, any(move.z_mm < 0.0 for move in moves.list)
     return (
         (twice is None, "moves.list", f"expected names that differ, got {twice!r} twice"),
         (still is None, "moves.list", f"expected moves that go somewhere, got {still!r}, which does not"),
         (forward, "moves.list", "expected a move with z_mm above 0, which is the way to insertion, got none"),
+        (
+            not bounds.any or bounds.z_mm > 0.0,
+            "moves.continuous.z_mm",
+            "expected more than 0 where there are bounds, as it is the way to insertion, got 0",
+        ),
+        (
+            bounds.back_mm == 0.0 or back,
+            "moves.continuous.back_mm",
+            f"expected 0 without a listed move back out, which such a move would count as, got {bounds.back_mm}",
+        ),
     )
 
 
@@ -236,5 +254,5 @@ def obstruction(definition: Definition) -> tuple[str, str] | None:
 def reach_mm(definition: Definition) -> float:
     """Return the greatest depth below the mouth [mm] that an episode commands: that of success and one step more."""
     limits = definition.limits
-    step_mm = max(increment.dz_mm for increment in (*increments(definition.moves), guidance(definition.moves)))
+    step_mm = max(increment.dz_mm for increment in extremes(definition.moves))
     return limits.success_fraction * definition.parts.peg_height_mm + step_mm

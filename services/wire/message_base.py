@@ -47,6 +47,8 @@ Torque = tuple[NewtonMetre, NewtonMetre, NewtonMetre]
 Number = Annotated[float, Meta(ge=-1e12, le=1e12)]
 Millimetre = Annotated[float, Meta(ge=-1e4, le=1e4)]
 Degree = Annotated[float, Meta(ge=-360, le=360)]
+Motion = tuple[Millimetre, Millimetre, Millimetre, Degree, Degree, Degree]
+"""An increment: dx_mm, dy_mm, dz_mm, rx_deg, ry_deg, rz_deg."""
 Reason = Literal["bad_request", "foreign_run", "out_of_order", "guard", "not_ready", "stopped"]
 Outcome = Literal["inserted", "collision", "no_progress", "move_limit"]
 

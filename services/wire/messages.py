@@ -27,6 +27,7 @@ from services.wire.message_base import Episodes as Episodes
 from services.wire.message_base import Force as Force
 from services.wire.message_base import Message as Message
 from services.wire.message_base import Millimetre as Millimetre
+from services.wire.message_base import Motion as Motion
 from services.wire.message_base import Nanoseconds as Nanoseconds
 from services.wire.message_base import Newton as Newton
 from services.wire.message_base import NewtonMetre as NewtonMetre
@@ -133,10 +134,14 @@ class State(LoopMessage, frozen=True, kw_only=True):
 class Action(LoopMessage, frozen=True, kw_only=True):
     """The agent's decision; ``action`` indexes the experiment's action set, ``state`` is the state it was taken in."""
 
+    VERSION: ClassVar[int] = 3
+
     state: StateNumber
     action: Annotated[int, Meta(ge=0, le=63)]
     policy_version: Count
     """Number of decisions behind this one that were learnt from, or that a swap or the move limit made worthless."""
+    increment: Motion | None = None
+    """The move itself, within ``moves.continuous``, where it is no listed one; ``action`` is then what it counts as."""
 
 
 class Reward(LoopMessage, frozen=True, kw_only=True):
@@ -166,7 +171,7 @@ class EpisodeSummary(Message, frozen=True, kw_only=True):
 class Experiment(Message, frozen=True, kw_only=True):
     """Reply to ``experiment``: what runs, and how far it is."""
 
-    VERSION: ClassVar[int] = 8
+    VERSION: ClassVar[int] = 9
     LARGEST_BYTES: ClassVar[int] = 1 << 20
 
     run: RunId
@@ -215,7 +220,7 @@ class Classified(Message, frozen=True, kw_only=True):
 class RunRecord(Message, frozen=True, kw_only=True):
     """``journal/<run>/run``: what the run is; its presence proves that the store knows the run."""
 
-    VERSION: ClassVar[int] = 7
+    VERSION: ClassVar[int] = 8
     LARGEST_BYTES: ClassVar[int] = 1 << 20
 
     run: RunId
@@ -236,12 +241,14 @@ class JournalStep(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True)
     action: Annotated[int, Meta(ge=0, le=63)] | None = None
     policy_version: Count | None = None
     reward: Number | None = None
+    increment: Motion | None = None
+    """The move, where it is no listed one."""
 
 
 class JournalEpisode(Message, frozen=True, kw_only=True):
     """``journal/<run>/<block>/<episode>`` and ``task/steps``: all decisions of one episode, in order."""
 
-    VERSION: ClassVar[int] = 3
+    VERSION: ClassVar[int] = 4
     LARGEST_BYTES: ClassVar[int] = 1 << 24
 
     run: RunId
@@ -275,7 +282,7 @@ class Skill(Message, frozen=True, kw_only=True):
     It is named by the SHA-256 of its encoded bytes.
     """
 
-    VERSION: ClassVar[int] = 7
+    VERSION: ClassVar[int] = 8
     LARGEST_BYTES: ClassVar[int] = 1 << 24
 
     run: RunId

@@ -154,12 +154,12 @@ def test_who_missed_a_swap_notices_before_anything_changes(plan: list[str]) -> N
 def test_q_learning_hands_its_table_to_sarsa() -> None:
     swaps = swaps_of([SARSA])
     workers, _ = lived(swaps, 2)
-    q, visits, version = workers.agent.learner.q, workers.agent.learner.visits, workers.agent.version
+    q, visits, version = workers.agent.table.q, workers.agent.table.visits, workers.agent.version
     entry = lived(swaps, 3)[1][2]
     workers.agent.replay(replace(entry, steps=(replace(entry.steps[0], reward=None),), summary=None))
     assert workers.agent.timeline.made == 1
     assert workers.agent.timeline.definition.learner == Sarsa(alpha=0.2)
-    assert (workers.agent.learner.q == q).all() and (workers.agent.learner.visits == visits).all()
+    assert (workers.agent.table.q == q).all() and (workers.agent.table.visits == visits).all()
     assert workers.agent.version == version
 
 
@@ -174,7 +174,7 @@ def test_another_classifier_starts_both_fresh_and_the_version_never_falls() -> N
     assert entry.steps[0].state == 0, "the first class of the new classifier"
     assert int(workers.classifier.network.counts.sum()) == DECISIONS
     assert workers.agent.learner.version == DECISIONS
-    assert int(workers.agent.learner.visits.sum()) == DECISIONS
+    assert int(workers.agent.table.visits.sum()) == DECISIONS
 
 
 def test_other_swaps_than_those_known_are_refused() -> None:

@@ -11,8 +11,9 @@ from rich.table import Table
 from services.bus.answers import ft_vector, state_number
 from services.cell import client
 from services.cell.terminal import console
+from services.wire.actions import Increment
 from services.wire.keys import POLICY
-from services.wire.messages import PolicyAnswer
+from services.wire.messages import Motion, PolicyAnswer
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -50,6 +51,8 @@ def act(arguments: argparse.Namespace) -> None:
 def table(answer: PolicyAnswer) -> Table:
     """Return a policy's answer for people; the best action is marked."""
     made = Table()
+    if answer.increment is not None and answer.spread is not None:
+        return _proposed(answer.increment, answer.spread)
     parts = ("at once", "+-", "after it") if answer.model else ()
     for heading in ("", "action", "value", *parts, "probability", "visits"):
         made.add_column(heading, justify="left" if heading == "action" else "right", no_wrap=True)
@@ -59,6 +62,16 @@ def table(answer: PolicyAnswer) -> Table:
         why = _why(answer, index) if answer.model else ()
         cells = (action, f"{value:.3f}", *why, f"{probability:.4f}", str(visits))
         made.add_row("best" if best else "", *cells, style="bold" if best else None)
+    return made
+
+
+def _proposed(increment: Motion, spread: Motion) -> Table:
+    """Return the move that is proposed, a row an axis, and how far from it others are tried."""
+    made = Table()
+    for heading in ("axis", "move", "+-"):
+        made.add_column(heading, justify="left" if heading == "axis" else "right", no_wrap=True)
+    for name, value, deviation in zip(Increment._fields, increment, spread, strict=True):
+        made.add_row(name, f"{value:.4f}", f"{deviation:.4f}")
     return made
 
 
@@ -72,6 +85,8 @@ def title(answer: PolicyAnswer) -> str:
     state = "no contact state known so far" if answer.state is None else f"contact state {answer.state}"
     match = "" if answer.match is None else f", match {answer.match:.4f}"
     remark = "" if answer.known else ", never decided in"
+    if answer.worth is not None:
+        remark = f"; thought to be worth {answer.worth:.3f}" if answer.known else "; nothing learnt so far"
     if answer.partial:
         remark += "; only what comes after a move: ask with --ft what it is thought to earn at once, too"
     return f"{state}{match}{remark}\nrun {answer.run}, policy version {answer.policy_version}"

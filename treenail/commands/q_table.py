@@ -26,6 +26,9 @@ def act(arguments: argparse.Namespace) -> None:
             print(json.dumps(cell.ask_one_json(Q_TABLE)))
             return
         answer = cell.ask(Q_TABLE, QTable)
+    if not answer.actions:
+        print(f"run {answer.run}: moves are proposed, there are no values of actions: treenail policy --ft ...")
+        return
     console().print(table(answer))
 
 

@@ -28,7 +28,7 @@ from services.wire.message_base import LONGEST_RUN
 from services.wire.messages import EpisodeSummary, FtPacket, Home, Move, Moved, Observation
 from services.wire.randomness import MAX_SEED
 from treenail.api import Setting, load
-from treenail.gym.spaces import MOST_HISTORY, AnyMoves, Array, Feeling, ListedMoves
+from treenail.gym.spaces import MOST_HISTORY, AnyMoves, Array, Feeling, ListedMoves, with_bounds
 from treenail.registration import NAME
 
 if TYPE_CHECKING:
@@ -71,7 +71,8 @@ class PegInHole(gymnasium.Env[Array, Any]):
             raise TreenailError(f"{NAME}: render_mode: expected rgb_array or human, got {render_mode!r}")
         if not isinstance(history, int) or not 0 <= history <= MOST_HISTORY:
             raise TreenailError(f"{NAME}: history: expected 0 to {MOST_HISTORY}, got {history!r}")
-        self.definition = _definition(definition, overrides, settings)
+        given = _definition(definition, overrides, settings)
+        self.definition = with_bounds(given) if continuous else given
         self.render_mode = render_mode
         self._feeling = Feeling(history, orientation)
         self._moves = AnyMoves(self.definition) if continuous else ListedMoves(self.definition)
@@ -122,7 +123,7 @@ class PegInHole(gymnasium.Env[Array, Any]):
             raise error.InvalidAction(f"{NAME}: step: expected an action of {self.action_space}, got {action!r}")
         asked, self._asked = self._asked, None
         number, increment = self._moves.move(action)
-        move = self._task.act(told(asked, number), increment)
+        move = self._task.act(told(asked, number, increment=increment))
         try:
             reached = make(self._task, self._cell, move, self._see)
         except GuardError as refusal:

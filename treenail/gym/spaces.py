@@ -8,11 +8,12 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 from gymnasium import spaces
+from msgspec.structs import replace
 
+from services.rules.bounds import Bounds
 from services.sim.pose import Pose, rotation_vector
 from services.wire.actions import Increment, increments
-from services.wire.definition import Definition
-from services.wire.force_bound import ForceBound
+from services.wire.definition import Continuous, Definition
 from services.wire.message_base import LARGEST_COMPONENT
 
 Array = npt.NDArray[np.float32]
@@ -63,42 +64,30 @@ class ListedMoves:
 
 
 class AnyMoves:
-    """Any increment within those of the list: every component from -1 to 1 is from its least to its greatest value.
+    """Any increment within ``moves.continuous``: every component from -1 to 1 is from its least to its greatest value.
 
-    Along Z, where the list has no way back, -1 stays and 1 is a whole step of insertion. What would add more force than
-    the most forceful move of the list is made shorter, all components alike: no arm would take it otherwise
+    Along Z, where there is no way back, -1 stays and 1 is the greatest step of insertion. What would add more force
+    than the most forceful move of the list is made shorter, all components alike: no arm would take it otherwise
     (docs/decisions/0011).
     """
 
     def __init__(self, definition: Definition) -> None:
-        table = np.array(increments(definition.moves), dtype=np.float64)
-        low, high = np.minimum(table.min(axis=0), 0.0), np.maximum(table.max(axis=0), 0.0)
-        self._axes = np.flatnonzero(high > low)
-        self._low, self._high = low, high
-        self._bound = ForceBound(definition)
-        self._unmoved_n = self._bound.added_n(Increment())
-        self._half_step_mm = high[2] / 2
-        depths = [float(row[2]) for row in table]
-        aside = next((number for number, depth in enumerate(depths) if depth == 0.0), 0)
-        self._aside = aside
-        self._deeper = next((number for number, depth in enumerate(depths) if depth > 0.0), aside)
-        self._back = next((number for number, depth in enumerate(depths) if depth < 0.0), aside)
-        size = len(self._axes)
+        self._bounds = Bounds(definition)
+        size = len(self._bounds.axes)
         self.space = spaces.Box(-np.ones(size, np.float32), np.ones(size, np.float32), dtype=np.float32)
 
     def move(self, action: object) -> tuple[int, Increment | None]:
-        """Return the increment, and the move of the list that it counts as.
+        """Return the increment, and the move of the list that it counts as."""
+        increment = self._bounds.within(np.asarray(action, dtype=np.float64).tolist())
+        return self._bounds.counts_as(increment), increment
 
-        With half a step of +Z or more it counts as one of insertion, for the reward and for the no-progress rule; with
-        any of -Z as one back out.
-        """
-        parts = np.zeros(6)
-        share = (np.asarray(action, dtype=np.float64) + 1.0) / 2.0
-        parts[self._axes] = self._low[self._axes] + share * (self._high - self._low)[self._axes]
-        added_n = self._bound.added_n(Increment(*parts.tolist())) - self._unmoved_n
-        most_n = self._bound.largest_n - self._unmoved_n
-        if added_n > most_n:
-            parts *= most_n / added_n
-        deeper, back = parts[2] >= self._half_step_mm > 0.0, parts[2] < 0.0
-        counts_as = self._deeper if deeper else self._back if back else self._aside
-        return counts_as, Increment(*parts.tolist())
+
+def with_bounds(definition: Definition) -> Definition:
+    """Return a definition with bounds of moves: its own, or those within which the moves of its list are."""
+    if definition.moves.continuous.any:
+        return definition
+    table = np.array(increments(definition.moves), dtype=np.float64)
+    x_mm, y_mm, _, rx_deg, ry_deg, rz_deg = np.abs(table).max(axis=0).tolist()
+    back_mm, z_mm = float(max(0.0, -table[:, 2].min())), float(table[:, 2].max())
+    most = Continuous(x_mm=x_mm, y_mm=y_mm, z_mm=z_mm, back_mm=back_mm, rx_deg=rx_deg, ry_deg=ry_deg, rz_deg=rz_deg)
+    return replace(definition, moves=replace(definition.moves, continuous=most))

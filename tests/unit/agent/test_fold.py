@@ -139,7 +139,7 @@ def test_the_answer_names_its_state(kind: Kind) -> None:
 @both_kinds
 def test_every_reward_is_learnt_once(kind: Kind) -> None:
     fold = run(fresh(kind))
-    assert fold.learner.version == len(SEEN) == fold.learner.visits.sum()
+    assert fold.learner.version == len(SEEN) == fold.table.visits.sum()
     assert fold.between_episodes
     versions = [action.policy_version for action in acted(kind)]
     assert versions == list(range(len(SEEN)))
@@ -405,7 +405,7 @@ def cut_run(kind: Kind, truncation: Literal["untaught", "terminal"]) -> AgentFol
 @both_kinds
 def test_a_limit_of_time_does_not_make_wandering_look_cheap(kind: Kind) -> None:
     """What wandering costs for ever is 1 / (1 - gamma) = 20; taught as an end it seems much less."""
-    values = {how: cut_run(kind, how).learner.values(0).max() for how in ("untaught", "terminal")}
+    values = {how: cut_run(kind, how).table.values(0).max() for how in ("untaught", "terminal")}
     assert values["terminal"] > -9.0
     assert values["untaught"] < -13.0
 

@@ -121,9 +121,9 @@ def test_policy_goes_on_where_the_skill_left_it(definition: Definition, first: R
     other = InProcessRun(definition, SEED, skill=learnt)
     differ = 0
     for state in range(learnt.states):
-        later, now = first.run.agent.learner.chances(state, EPISODES), other.agent.learner.chances(state, 0)
+        later, now = first.run.agent.table.chances(state, EPISODES), other.agent.table.chances(state, 0)
         assert np.array_equal(later, now)
-        differ += not np.array_equal(now, first.run.agent.learner.chances(state, 0))
+        differ += not np.array_equal(now, first.run.agent.table.chances(state, 0))
     assert differ, "a schedule that does not move proves nothing"
 
 

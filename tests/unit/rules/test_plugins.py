@@ -31,6 +31,7 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_the_shipped_ones_are_installed() -> None:
     assert {"fuzzy-art", "art2a"} <= set(plugins.installed(plugins.CLASSIFIERS))
+    assert "srv" in plugins.installed(plugins.LEARNERS)
 
 
 @pytest.mark.parametrize(

@@ -23,7 +23,7 @@ from services.wire.actions import INSERT, Increment, increments  # noqa: E402
 from services.wire.force_bound import ForceBound  # noqa: E402
 from services.wire.messages import Observation  # noqa: E402
 from treenail.gym.environment import PegInHole  # noqa: E402
-from treenail.gym.spaces import AnyMoves  # noqa: E402
+from treenail.gym.spaces import AnyMoves, with_bounds  # noqa: E402
 
 NAME = "treenail/PegInHole-v0"
 SHORT = {"start.height_mm": 0.4, "limits.success_fraction": 0.3, "limits.move_limit": 60}
@@ -164,7 +164,7 @@ def test_a_motion_that_the_guard_refuses_ends_the_episode_and_says_why() -> None
 
 
 def test_continuous_moves_stay_within_those_of_the_list() -> None:
-    definition = treenail.load("suite-round")
+    definition = with_bounds(treenail.load("suite-round"))
     moves, bound, guard = AnyMoves(definition), ForceBound(definition), Guard(definition)
     lowest, highest = moves.move(-np.ones(5)), moves.move(np.ones(5))
     assert lowest[1] is not None and lowest[1].dz_mm == 0.0 and lowest[0] != INSERT
