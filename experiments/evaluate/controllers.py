@@ -13,7 +13,7 @@ from services.wire.definition import Definition
 from services.wire.messages import Observation
 from services.wire.randomness import Role, generator
 
-RULE, TIP_RULE, SPIRAL, RANDOM = "rule", "rule-tip", "spiral", "random"
+RULE, TIP_RULE, SPIRAL, RANDOM, PUSH = "rule", "rule-tip", "spiral", "random", "rcc"
 RULES = (RULE, TIP_RULE)
 """What a learner is held against: two ways to write the same rule, of which now one, now the other is better."""
 BASELINES = {
@@ -127,6 +127,17 @@ class SpiralRule:
             return choice
         self._turn += 1
         return Choice(_spiral(self._turn))
+
+
+class Push:
+    """No controller at all: steps of +Z whatever is felt, for a wrist that gives way by itself."""
+
+    def begin(self) -> None:
+        """Begin an episode."""
+
+    def decide(self, felt: Observation) -> Choice:
+        """Return +Z."""
+        return Choice(INSERT)
 
 
 class RandomMoves:

@@ -6,11 +6,13 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from experiments.evaluate.controllers import (
+    PUSH,
     RANDOM,
     SPIRAL,
     TIP_RULE,
     ComplianceRule,
     Controller,
+    Push,
     RandomMoves,
     SpiralRule,
     TipRule,
@@ -35,6 +37,8 @@ class Method(NamedTuple):
             return FrozenSkill(self.skill, definition, seed)
         if self.name == RANDOM:
             return RandomMoves(definition, seed)
+        if self.name == PUSH:
+            return Push()
         if self.name == SPIRAL:
             return SpiralRule(definition)
         return TipRule(definition) if self.name == TIP_RULE else ComplianceRule(definition)

@@ -10,7 +10,7 @@ from typing import Any
 
 import msgspec
 
-from experiments.evaluate.controllers import BASELINES
+from experiments.evaluate.controllers import BASELINES, PUSH
 from experiments.evaluate.frozen import FrozenSkill
 from experiments.evaluate.run import Method as Controlled
 from experiments.evaluate.trial import trial
@@ -167,8 +167,8 @@ def _learn(job: Job, tell: Tell) -> Done:
 
 
 def _play(job: Job, tell: Tell) -> Done:
-    if job.method not in BASELINES:
-        raise TreenailError(f"controller: expected one of {', '.join(BASELINES)}, got {job.method}")
+    if job.method not in (*BASELINES, PUSH):
+        raise TreenailError(f"controller: expected one of {', '.join((*BASELINES, PUSH))}, got {job.method}")
     began_s, definition = time.process_time(), _definition(job)
     done = trial(definition, Controlled(job.method).controller(definition, job.seed), job.seed, job.episodes, tell)
     return Done(outcome(done.episodes, len(done.states), time.process_time() - began_s))

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple
 
 import msgspec
 
-from experiments.evaluate.controllers import BASELINES, RULE, RULES, TIP_RULE
+from experiments.evaluate.controllers import BASELINES, PUSH, RULE, RULES, TIP_RULE
 from services.rules import skill as skill_file
 from services.rules.skill import NamedSkill
 from services.wire.definition import Definition
@@ -56,16 +56,33 @@ METHODS = (
     ),
 )
 """To add a method, add its row."""
+PROPOSES = (
+    'classifier={kind="none"}',
+    'learner={kind="plugin", name="srv"}',
+    'policy={kind="greedy"}',
+    "moves.continuous={x_mm=0.2, y_mm=0.2, z_mm=0.2, rx_deg=0.2, ry_deg=0.2}",
+)
+SPRING = ("wrist.stiffness_n_per_mm=7.0", "wrist.stiffness_nm_per_rad=53.0", "wrist.sensor_height_mm=0.0")
+"""A device whose centre of compliance is at the tip: K_x = 7 N/mm and K_theta = 53 000 N mm/rad are those of Whitney's
+experiments (Quasi-static assembly of compliantly supported rigid parts, J. Dyn. Sys. Meas. Control 104, 1982)."""
+UNTAUGHT = (
+    Method("srv", "Gullapalli's SRV units, which propose moves by the reward alone; told nothing", "learn", PROPOSES),
+    Method(PUSH, "a remote centre compliance and steps of +Z, no controller; told nothing", "play", SPRING),
+)
+"""Controllers of the thesis's chapter 2 that nobody teaches: on a board only where they are named."""
 
 
 def methods(names: list[str] | None) -> tuple[Method, ...]:
-    """Return the methods of these names, the rules always among them; all for None. Raises TreenailError."""
-    by_name = {method.name: method for method in METHODS}
+    """Return the methods of these names, the rules always among them; all of ``METHODS`` for None.
+
+    Raises TreenailError.
+    """
+    every = (*METHODS, *UNTAUGHT)
+    by_name = {method.name: method for method in every}
     for name in names or ():
         if name not in by_name:
             raise TreenailError(f"--methods: expected some of {', '.join(by_name)}, got {name!r}")
-    wanted = by_name if names is None else {*names, *RULES}
-    return tuple(method for method in METHODS if method.name in wanted)
+    return METHODS if names is None else tuple(method for method in every if method.name in {*names, *RULES})
 
 
 def beginning_with(path: Path) -> Method:
