@@ -60,7 +60,7 @@ PROPOSES = (
     'classifier={kind="none"}',
     'learner={kind="plugin", name="srv"}',
     'policy={kind="greedy"}',
-    "moves.continuous={x_mm=0.2, y_mm=0.2, z_mm=0.2, rx_deg=0.2, ry_deg=0.2}",
+    "moves.continuous={x_mm=0.2, y_mm=0.2, z_mm=0.2, rx_deg=0.2, ry_deg=0.2, rz_deg=0.2}",
 )
 SPRING = ("wrist.stiffness_n_per_mm=7.0", "wrist.stiffness_nm_per_rad=53.0", "wrist.sensor_height_mm=0.0")
 """A device whose centre of compliance is at the tip: K_x = 7 N/mm and K_theta = 53 000 N mm/rad are those of Whitney's
