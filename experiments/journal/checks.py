@@ -177,11 +177,12 @@ def _without_progress(definition: Definition, steps: Sequence[JournalStep]) -> l
     rows: list[int] = []
     depth_mm = deepest_mm = -definition.start.height_mm
     idle = 0
-    led_mm = iter([_led_mm(definition, step) for step in steps])
+    decided = iter(steps)
     for dz_mm, guided in _told_mm(definition, steps, 0):
         depth_mm += dz_mm
         # A move that is no listed one is progress only if it counts as one in +Z.
-        deeper = depth_mm > deepest_mm + _SAME_MM and (guided or next(led_mm) > 0.0)
+        forward = guided or _led_mm(definition, next(decided)) > 0.0
+        deeper = forward and depth_mm > deepest_mm + _SAME_MM
         deepest_mm = max(deepest_mm, depth_mm)
         idle = 0 if deeper else idle + (not guided)
         if not guided:
