@@ -30,7 +30,10 @@ from experiments.reproduce.limits_runs import CHAMFERLESS, CONDITIONS, SQUARE, C
 from experiments.reproduce.variants import LOOP, Stuck, Tried, by_condition, tried
 from experiments.reproduce.verdicts import Verdict, always
 
-WINDOW = 10
+WINDOW, EVERY = 10, 10
+"""Episodes of a moving average, and from point to point of a curve, which keeps the drawing small."""
+HERE = "the table below counts"
+"""Words of a reason that is written for another chapter."""
 ENDLESS = "+RZ -RZ"
 """The loop that the thesis saw (2257)."""
 Runs = Mapping[Condition, Sequence[Tried]]
@@ -99,8 +102,8 @@ def _curves(runs: Runs) -> Figure:
                 if not done or len(done[0].gone.outcomes) < WINDOW:
                     continue
                 inserted = np.array([[letter == "i" for letter in run.gone.outcomes] for run in done], dtype=np.float64)
-                rates = 100 * moving_average(inserted, WINDOW)[:, ::2]
-                span = list(range(WINDOW, WINDOW + 2 * rates.shape[1], 2))
+                rates = 100 * moving_average(inserted, WINDOW)[:, ::EVERY]
+                span = list(range(WINDOW, WINDOW + EVERY * rates.shape[1], EVERY))
                 band(axes, span, rates, colour, f"{condition.collision_n:g} N")
             axes.set_title(task.replace("-q-", "\n"), fontsize=9)
             axes.set_ylim(0, 102)
@@ -119,9 +122,11 @@ def _compared(runs: Runs) -> list[Block]:
         if done:
             named = dataclasses.replace(reported[condition.task], name=f"{condition.task}, {condition.collision_n:g} N")
             rows += compare(named, [figures_of(run.gone) for run in done])
-    note = "These runs are shorter than the thesis's, and the last quarter is that of these."
-    rows = [dataclasses.replace(row, note=f"{row.note} {note}".strip()) for row in rows]
-    return [Comparisons(rows, "Beside the thesis's numbers, at both limits")] if rows else []
+    rows = [dataclasses.replace(row, why=row.why.replace(HERE, "the report's insertions count")) for row in rows]
+    caption = (
+        "Beside the thesis's numbers, at both limits; these runs are shorter, and the last quarter is that of these"
+    )
+    return [Comparisons(rows, caption)] if rows else []
 
 
 def _rule(runs: Runs) -> list[Block]:

@@ -29,7 +29,7 @@ from experiments.reproduce.variants import Tried, by_condition, tried
 from experiments.reproduce.verdicts import near
 
 WINDOW = 10
-EVERY = 4
+EVERY = 10
 """Episodes from point to point of a curve, which keeps the drawing small."""
 ENOUGH = 3
 """Seeds below which a comparison says nothing, but in a quick report, which only shows that it can be made."""

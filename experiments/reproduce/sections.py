@@ -22,6 +22,8 @@ def _chapter(name: str, context: Context) -> Chapter:
                 from experiments.reproduce.plan import chapter
             case "limits":
                 from experiments.reproduce.limits import chapter
+            case "claims":
+                from experiments.reproduce.claims import chapter
             case _:
                 from experiments.reproduce.insertion import chapter
     except ModuleNotFoundError as error:
@@ -37,5 +39,6 @@ SECTIONS = (
     Section("uncertainty", "Uncertainty of the cell (5.1, Appendix B.1)", partial(_chapter, "uncertainty")),
     Section("plan", "The plan of 5.2.2: learners, policies, limits and centres", partial(_chapter, "plan")),
     Section("limits", "Collision limits, and what rules prevent (6.3, 6.4, 6.5)", partial(_chapter, "limits")),
+    Section("claims", "Claims that were never tried (4.2.2, 5.3)", partial(_chapter, "claims")),
     Section("insertion", "Insertions (chapter 6, Appendix B.2)", partial(_chapter, "insertion")),
 )
