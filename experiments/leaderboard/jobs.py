@@ -21,6 +21,7 @@ from experiments.leaderboard.suite import SLOW_MOVES, moves_expected
 from experiments.oracle.search import Effort, search
 from experiments.reproduce.code import code_sha256
 from experiments.reproduce.insertion_runs import LETTERS
+from experiments.rivals.taught import TAUGHT
 from services.rules.hole import tilt_deg
 from services.rules.results import Digests
 from services.rules.skill import NamedSkill, file_bytes
@@ -38,8 +39,11 @@ PACKAGES: dict[Kind, tuple[str, ...]] = {
     "frozen": (*LEARNER, "experiments.evaluate"),
     "play": (*TASK, "experiments.evaluate"),
     "oracle": (*TASK, "experiments.oracle"),
+    "taught": (*TASK, "services.classifier", "experiments.evaluate", "experiments.oracle", "experiments.rivals"),
 }
 """Packages whose code decides what comes out of a job."""
+WITHOUT_LEARNER: tuple[Kind, ...] = ("play", "oracle", "taught")
+"""Read of a definition what the task is, whatever learner stands in it."""
 ORACLE, SLOW_ORACLE = Effort(beam=4, attempts=60), Effort(beam=1, attempts=20)
 """What the oracle's search may cost for a start, also where an insertion takes more than ``SLOW_MOVES``: seconds."""
 _COSTS = {"random": 5.0, "oracle": 100.0}
@@ -60,6 +64,8 @@ class Job(msgspec.Struct, frozen=True, eq=False):
     episodes: int
     skill: NamedSkill | None = None
     """What a frozen job does, or a job that learns begins with."""
+    taught_on: Definition | None = None
+    """Where a controller is taught that is tried somewhere else."""
 
     @property
     def name(self) -> str:
@@ -109,10 +115,12 @@ class Order(msgspec.Struct, frozen=True):
 
 def key(job: Job) -> dict[str, Any]:
     """Return all that the outcome of a job depends on."""
+    taught_on = {} if job.taught_on is None else {"taught_on": definition_sha256(task_alone(job.taught_on))}
     return {
+        **taught_on,
         "version": VERSION,
         "kind": job.kind,
-        "controller": job.method if job.kind in ("play", "oracle") else "",
+        "controller": job.method if job.kind in WITHOUT_LEARNER else "",
         "definition": definition_sha256(_definition(job)),
         "seed": job.seed,
         "episodes": job.episodes,
@@ -154,7 +162,7 @@ def work(wanted: Order, tell: Tell) -> Done:
 
 def _definition(job: Job) -> Definition:
     """Return what a job reads of its definition: who does not learn is the same beside any learner's settings."""
-    return task_alone(job.definition) if job.kind in ("play", "oracle") else job.definition
+    return task_alone(job.definition) if job.kind in WITHOUT_LEARNER else job.definition
 
 
 def _learn(job: Job, tell: Tell) -> Done:
@@ -171,6 +179,15 @@ def _play(job: Job, tell: Tell) -> Done:
         raise TreenailError(f"controller: expected one of {', '.join((*BASELINES, PUSH))}, got {job.method}")
     began_s, definition = time.process_time(), _definition(job)
     done = trial(definition, Controlled(job.method).controller(definition, job.seed), job.seed, job.episodes, tell)
+    return Done(outcome(done.episodes, len(done.states), time.process_time() - began_s))
+
+
+def _taught(job: Job, tell: Tell) -> Done:
+    if job.method not in TAUGHT:
+        raise TreenailError(f"controller: expected one of {', '.join(TAUGHT)}, got {job.method}")
+    began_s, definition = time.process_time(), _definition(job)
+    controller = TAUGHT[job.method](task_alone(job.taught_on or definition), job.seed)
+    done = trial(definition, controller, job.seed, job.episodes, tell)
     return Done(outcome(done.episodes, len(done.states), time.process_time() - began_s))
 
 
@@ -215,4 +232,4 @@ def outcome(episodes: Sequence[EpisodeSummary], states: int | None = None, cpu_s
     )
 
 
-_WORK = {"learn": _learn, "play": _play, "frozen": _frozen, "oracle": _oracle}
+_WORK = {"learn": _learn, "play": _play, "frozen": _frozen, "oracle": _oracle, "taught": _taught}

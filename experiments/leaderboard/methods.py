@@ -14,8 +14,9 @@ from services.wire.definition import Definition
 from services.wire.definition_file import with_overrides
 from services.wire.errors import TreenailError
 
-Kind = Literal["learn", "play", "frozen", "oracle"]
-"""Learns from nothing; is played by a controller; is a skill that learns no more; is searched for."""
+Kind = Literal["learn", "play", "frozen", "oracle", "taught"]
+"""Learns from nothing; is played by a controller; is a skill that learns no more; is searched for; is a controller that
+was taught before the first insertion."""
 
 
 class Method(NamedTuple):
@@ -56,6 +57,14 @@ METHODS = (
     ),
 )
 """To add a method, add its row."""
+
+
+def _plugin(name: str, **settings: float) -> str:
+    """Return the override that makes a plug-in the classifier."""
+    told = ", ".join(f"{key}={value}" for key, value in settings.items())
+    return f'classifier={{kind="plugin", name="{name}", settings={{{told}}}}}'
+
+
 PROPOSES = (
     'classifier={kind="none"}',
     'learner={kind="plugin", name="srv"}',
@@ -70,6 +79,30 @@ UNTAUGHT = (
     Method(PUSH, "a remote centre compliance and steps of +Z, no controller; told nothing", "play", SPRING),
 )
 """Controllers of the thesis's chapter 2 that nobody teaches: on a board only where they are named."""
+TABULAR = ('learner={kind="q_learning"}', 'policy={kind="softmax", beta=1.0, beta_per_episode=0.05}', "shaping.gamma=0.95")
+"""Q-learning and softmax, beside the task's own rewards and reference of the torque."""
+SWITCH = ('learner={kind="plugin", name="art-r"}', 'policy={kind="softmax", beta=1.0, beta_per_episode=0.0}')
+RIVALS = (
+    Method("asada", "a perceptron, taught by an operator who sees the pose", "taught"),
+    Method("howarth", "a perceptron on four components and axes, taught by the rule `rule-tip`", "taught"),
+    Method("artmap", "Lopez-Juarez: Fuzzy ARTMAP over a primitive knowledge base", "taught"),
+    Method("art-normals", "Brignone: Fuzzy ART over the normals of the hole's surfaces", "taught"),
+    Method("som", "Cervera: a self-organising map of the torques, Q-learning", "learn", (_plugin("som"), *TABULAR)),
+    Method(
+        "som-position",
+        "Cervera: the same map, beside where the peg was moved to",
+        "learn",
+        (_plugin("som-position"), *TABULAR),
+    ),
+    Method(
+        "art-r",
+        "Brignone: Fuzzy ART, and stochastic units that learn which move takes load off at once",
+        "learn",
+        (_plugin("fuzzy-art", rho=0.8), *SWITCH),
+    ),
+    Method("art1", "the thesis's idea for later: ART1 on coarse inputs, Q-learning", "learn", (_plugin("art1"), *TABULAR)),
+)
+"""The other controllers of the thesis's chapter 2: on a board only where they are named, and all on that of rivals."""
 
 
 def methods(names: list[str] | None) -> tuple[Method, ...]:
@@ -77,7 +110,7 @@ def methods(names: list[str] | None) -> tuple[Method, ...]:
 
     Raises TreenailError.
     """
-    every = (*METHODS, *UNTAUGHT)
+    every = (*METHODS, *UNTAUGHT, *RIVALS)
     by_name = {method.name: method for method in every}
     for name in names or ():
         if name not in by_name:

@@ -46,6 +46,7 @@ EXTRAS = {
     "rtde_receive": "robot_ur",
     "sapien": "sim",
     "serial": "robot_link",
+    "sklearn": "rivals",
     "tornado": "viewer",
     "xxhash": "ros2",
 }
