@@ -12,7 +12,7 @@ from services.agent.learning import Learner
 from services.agent.policies import choose
 from services.classifier.fold import classifier_of
 from services.rules.bounds import Bounds
-from services.rules.plugins import feels, proposes
+from services.rules.plugins import feels, hears, proposes
 from services.rules.skill import NamedSkill, fits
 from services.rules.skill_memory import untried
 from services.rules.swaps import in_force
@@ -50,6 +50,7 @@ class FrozenSkill:
 
     def decide(self, felt: Observation) -> Choice:
         """Return the best move in the contact state that is felt."""
+        self._tell(felt)
         try:
             wrench = self._reference.felt(felt.force_n, felt.torque_nm)
             state = self._classifier.classify(*wrench).state
@@ -64,6 +65,14 @@ class FrozenSkill:
         if feels(self._learner):
             return Choice(self._learner.decide_felt(None, state, wrench, felt.episode, felt.step), state)
         return Choice(self._learner.decide(None, state, felt.episode, felt.step), state)
+
+    def _tell(self, felt: Observation) -> None:
+        """Tell a classifier that hears it where in the episode it is."""
+        if hears(self._classifier):
+            if felt.previous_action is None:
+                self._classifier.begin()
+            else:
+                self._classifier.took(felt.previous_action)
 
     def _best_known(self, state: int, wrench: Wrench, felt: Observation) -> int:
         """Return the best of the moves that were ever learnt from; of equals one is drawn."""

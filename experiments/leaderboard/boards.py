@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 from experiments.lab.progress import Reporter
-from experiments.leaderboard import ablation, lasting, learning, plan, transfer
+from experiments.leaderboard import ablation, lasting, learning, plan, rivals, transfer
 from experiments.leaderboard.folder import Folder
 from experiments.leaderboard.methods import TREENAIL, Method, beginning_with, methods
 from experiments.leaderboard.plan import Length
@@ -83,10 +83,17 @@ def _long(wanted: Wanted) -> Plan:
     return lambda folder, spread, reporter: lasting.make(entries, length, folder, spread, reporter)
 
 
+def _rivals(wanted: Wanted) -> Plan:
+    length = wanted.length(rivals.SEEDS, rivals.QUICK_SEEDS, rivals.EPISODES, rivals.QUICK_EPISODES)
+    parts = rivals.plan(tasks(wanted.tasks or list(rivals.TASKS)), rivals.methods(wanted.methods), length)
+    return lambda folder, spread, reporter: rivals.make(parts, folder, spread, reporter)
+
+
 BOARDS: dict[str, Callable[[Wanted], Plan]] = {
     "learning": _learning,
     "ablation": _ablation,
     "transfer": _transfer,
     "long": _long,
+    "rivals": _rivals,
 }
 """Each reads what was asked for, and says what is wrong with it before anything runs."""

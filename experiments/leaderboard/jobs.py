@@ -26,7 +26,7 @@ from services.rules.hole import tilt_deg
 from services.rules.results import Digests
 from services.rules.skill import NamedSkill, file_bytes
 from services.task.insertion import Insertion
-from services.wire.definition import SPREADS, Definition
+from services.wire.definition import SPREADS, Definition, Plugin
 from services.wire.definition_file import definition_sha256
 from services.wire.errors import TreenailError
 from services.wire.messages import EpisodeSummary
@@ -42,6 +42,8 @@ PACKAGES: dict[Kind, tuple[str, ...]] = {
     "taught": (*TASK, "services.classifier", "experiments.evaluate", "experiments.oracle", "experiments.rivals"),
 }
 """Packages whose code decides what comes out of a job."""
+PLUGINS = ("experiments.rivals",)
+"""Whose code counts too where a definition names a plug-in."""
 WITHOUT_LEARNER: tuple[Kind, ...] = ("play", "oracle", "taught")
 """Read of a definition what the task is, whatever learner stands in it."""
 ORACLE, SLOW_ORACLE = Effort(beam=4, attempts=60), Effort(beam=1, attempts=20)
@@ -131,13 +133,18 @@ def key(job: Job) -> dict[str, Any]:
 
 def code_of(job: Job) -> str:
     """Return the digest of the code that decides what comes out of a job, as it is when a process first asks."""
-    return _codes()[job.kind]
+    plugged = any(isinstance(part, Plugin) for part in (job.definition.classifier, job.definition.learner))
+    return _codes()[job.kind, plugged and job.kind not in WITHOUT_LEARNER]
 
 
 @cache
-def _codes() -> dict[Kind, str]:
+def _codes() -> dict[tuple[Kind, bool], str]:
     # All at once: files that somebody changes later are not what this process has loaded.
-    return {kind: code_sha256(packages) for kind, packages in PACKAGES.items()}
+    return {
+        (kind, plugged): code_sha256((*packages, *PLUGINS) if plugged else packages)
+        for kind, packages in PACKAGES.items()
+        for plugged in (False, True)
+    }
 
 
 def order(job: Job) -> Order:

@@ -59,10 +59,9 @@ METHODS = (
 """To add a method, add its row."""
 
 
-def _plugin(name: str, **settings: float) -> str:
-    """Return the override that makes a plug-in the classifier."""
-    told = ", ".join(f"{key}={value}" for key, value in settings.items())
-    return f'classifier={{kind="plugin", name="{name}", settings={{{told}}}}}'
+def _som(name: str, more: str = "") -> str:
+    """Return the override that makes a map the classifier."""
+    return f'classifier={{kind="plugin", name="{name}", settings={{torque_gain_per_m=30.0{more}}}}}'
 
 
 PROPOSES = (
@@ -79,28 +78,34 @@ UNTAUGHT = (
     Method(PUSH, "a remote centre compliance and steps of +Z, no controller; told nothing", "play", SPRING),
 )
 """Controllers of the thesis's chapter 2 that nobody teaches: on a board only where they are named."""
-TABULAR = ('learner={kind="q_learning"}', 'policy={kind="softmax", beta=1.0, beta_per_episode=0.05}', "shaping.gamma=0.95")
+TABULAR = (
+    'learner={kind="q_learning"}',
+    'policy={kind="softmax", beta=1.0, beta_per_episode=0.05}',
+    "shaping.gamma=0.95",
+)
 """Q-learning and softmax, beside the task's own rewards and reference of the torque."""
-SWITCH = ('learner={kind="plugin", name="art-r"}', 'policy={kind="softmax", beta=1.0, beta_per_episode=0.0}')
+SWITCH = (
+    'classifier={kind="plugin", name="fuzzy-art", settings={rho=0.7}}',
+    'learner={kind="plugin", name="art-r"}',
+    'policy={kind="softmax", beta=1.0, beta_per_episode=0.0}',
+)
+ART1 = 'classifier={kind="plugin", name="art1", settings={rho=0.85, torque_gain_per_m=30.0}}'
 RIVALS = (
-    Method("asada", "a perceptron, taught by an operator who sees the pose", "taught"),
-    Method("howarth", "a perceptron on four components and axes, taught by the rule `rule-tip`", "taught"),
+    Method("asada", "Asada: a perceptron, taught by an operator who sees the task", "taught"),
+    Method("howarth", "Howarth: a perceptron on four components and axes, taught by the rule `rule-tip`", "taught"),
     Method("artmap", "Lopez-Juarez: Fuzzy ARTMAP over a primitive knowledge base", "taught"),
     Method("art-normals", "Brignone: Fuzzy ART over the normals of the hole's surfaces", "taught"),
-    Method("som", "Cervera: a self-organising map of the torques, Q-learning", "learn", (_plugin("som"), *TABULAR)),
+    Method("som", "Cervera: a self-organising map of the torques, Q-learning", "learn", (_som("som"), *TABULAR)),
     Method(
         "som-position",
         "Cervera: the same map, beside where the peg was moved to",
         "learn",
-        (_plugin("som-position"), *TABULAR),
+        (_som("som-position", ", cell_steps=10"), *TABULAR),
     ),
+    Method("art-r", "Brignone: Fuzzy ART, and stochastic units taught by the reward of each move", "learn", SWITCH),
     Method(
-        "art-r",
-        "Brignone: Fuzzy ART, and stochastic units that learn which move takes load off at once",
-        "learn",
-        (_plugin("fuzzy-art", rho=0.8), *SWITCH),
+        "art1", "the thesis's own idea for later (7.4.5): ART1 on coarse inputs, Q-learning", "learn", (ART1, *TABULAR)
     ),
-    Method("art1", "the thesis's idea for later: ART1 on coarse inputs, Q-learning", "learn", (_plugin("art1"), *TABULAR)),
 )
 """The other controllers of the thesis's chapter 2: on a board only where they are named, and all on that of rivals."""
 

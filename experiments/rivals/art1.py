@@ -1,8 +1,8 @@
 """ART1 on coarse inputs, as a classifier (thesis 7.4.5; Carpenter and Grossberg 1987).
 
-The thesis proposes the faster ART1 in place of ART2, since a sensor reads whole numbers. ART1 takes bits. So each of the
-six components, as a part of the whole vector's length, is held against a few thresholds, and each threshold gives two
-bits: above it, or not. A class keeps the bits that all its members share.
+The thesis proposes the faster ART1 in place of ART2, since a sensor reads whole numbers. ART1 takes bits. So each of
+the six components, as a part of the whole vector's length, is held against a few thresholds, and each threshold gives
+two bits: above it, or not. A class keeps the bits that all its members share.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """Fuzzy ARTMAP: classes of inputs that are taught their answers (Carpenter, Grossberg, Markuzon, Reynolds, Rosen 1992).
 
-A Fuzzy ART module makes boxes of inputs; a map field gives each box one answer. Where a box that fits has another answer
-than the one that is taught, vigilance rises just above how well it fits (match tracking), and the search goes on: so
-exceptions get boxes of their own, however small. Pure.
+A Fuzzy ART module makes boxes of inputs; a map field gives each box one answer. Where a box that fits has another
+answer than the one that is taught, vigilance rises just above how well it fits (match tracking), and the search goes
+on: so exceptions get boxes of their own, however small. Pure.
 """
 
 from __future__ import annotations

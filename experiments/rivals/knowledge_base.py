@@ -19,11 +19,12 @@ from services.wire.actions import INSERT, action_names
 from services.wire.definition import Definition
 from services.wire.messages import Observation
 
-TORQUE_PER_M = 40.0
+TORQUE_PER_M = 20.0
 """How many newtons a newton metre about the tip counts as."""
 PUSHES = (0.5, 1.0, 2.0, 4.0)
 """The push from below, as a multiple of the load aside, that each load is written down with."""
 AXES = ("X", "Y", "Z", "RX", "RY", "RZ")
+USUAL = Rates()
 ROUNDS = 20
 """Most times that the list is gone through."""
 
@@ -51,7 +52,7 @@ def primitives(definition: Definition) -> Iterator[Primitive]:
 class ArtmapController:
     """Makes the move that the network answers to what is felt, its torque referred to the tip."""
 
-    def __init__(self, definition: Definition, rates: Rates = Rates()) -> None:
+    def __init__(self, definition: Definition, rates: Rates = USUAL) -> None:
         """Teach the network the knowledge base."""
         self._lever_m = definition.wrist.sensor_height_mm * 1e-3
         self.network = FuzzyArtmap(len(AXES), rates)
@@ -68,4 +69,5 @@ class ArtmapController:
 
 def _coded(load: Row) -> Row:
     """Return the direction of a load, shape (6,), as inputs from 0 to 1."""
-    return np.clip((1.0 + load / np.sqrt((load * load).sum())) / 2.0, 0.0, 1.0)
+    coded: Row = np.clip((1.0 + load / np.sqrt((load * load).sum())) / 2.0, 0.0, 1.0)
+    return coded

@@ -1,4 +1,4 @@
-"""Asada's and Howarth's controllers: multilayer perceptrons that are taught, from what is felt to the move (thesis 2.2).
+"""Asada's and Howarth's controllers: multilayer perceptrons, taught the move for what is felt (thesis 2.2).
 
 Asada's sees all six components and is taught by an operator who sees the task. Howarth's sees three forces and the
 torque about the peg's axis, moves along the axes and about the peg, never tilts, and is taught pairs of input and
@@ -41,10 +41,15 @@ class Lessons(NamedTuple):
     """Most times that back-propagation goes through all lessons."""
 
 
+USUAL = Lessons()
+
+
 class NetworkController:
     """Makes the move that a trained network thinks likeliest to be the teacher's."""
 
-    def __init__(self, definition: Definition, inputs: Sequence[int], lessons: Sequence[Shown], how: Lessons, seed: int):
+    def __init__(
+        self, definition: Definition, inputs: Sequence[int], lessons: Sequence[Shown], how: Lessons, seed: int
+    ):
         """Train on lessons. Raises TreenailError without the library, or with lessons that know one move only."""
         self._lever_m = definition.wrist.sensor_height_mm * 1e-3
         self._inputs = list(inputs)
@@ -77,7 +82,9 @@ class NetworkController:
 
     def digest(self) -> str:
         """Return the SHA-256, in hex, of all weights."""
-        return hashlib.sha256(b"".join(part.astype("<f8").tobytes() for layer in self._layers for part in layer)).hexdigest()
+        return hashlib.sha256(
+            b"".join(part.astype("<f8").tobytes() for layer in self._layers for part in layer)
+        ).hexdigest()
 
     def _input(self, felt: Observation) -> NDArray[np.float64]:
         """Return what the network sees, shape (inputs,), each from -1 to 1."""
@@ -85,13 +92,13 @@ class NetworkController:
         return load / (UNIT_N + np.abs(load))
 
 
-def asada(definition: Definition, seed: int, how: Lessons = Lessons()) -> NetworkController:
+def asada(definition: Definition, seed: int, how: Lessons = USUAL) -> NetworkController:
     """Return Asada's controller, taught by an operator who sees the pose."""
     lessons = show(definition, Operator(definition), seed, how.insertions)
     return NetworkController(definition, range(6), lessons, how, seed)
 
 
-def howarth(definition: Definition, seed: int, how: Lessons = Lessons()) -> NetworkController:
+def howarth(definition: Definition, seed: int, how: Lessons = USUAL) -> NetworkController:
     """Return Howarth's controller, taught pairs that a rule establishes, as far as they are within its four axes."""
     rule = TipRule(definition)
     shown = show(definition, by_rule(rule), seed, how.insertions, rule.begin)
@@ -105,5 +112,7 @@ def _perceptron(how: Lessons, seed: int) -> Any:
     try:
         from sklearn.neural_network import MLPClassifier
     except ImportError as error:
-        raise TreenailError(f'expected the library scikit-learn (pip install "treenail[rivals]"), got: {error}') from error
+        raise TreenailError(
+            f'expected the library scikit-learn (pip install "treenail[rivals]"), got: {error}'
+        ) from error
     return MLPClassifier(how.hidden, activation="tanh", alpha=1e-4, max_iter=how.rounds, random_state=seed % 2**32)

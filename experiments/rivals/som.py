@@ -82,7 +82,8 @@ class Map:
     def neighbours(self, unit: int, radius: int) -> NDArray[np.bool_]:
         """Return which units are within a radius of one, itself among them, shape (units,)."""
         rows, columns = np.abs(self._rows - self._rows[unit]), np.abs(self._columns - self._columns[unit])
-        return np.maximum(rows, columns) <= radius
+        near: NDArray[np.bool_] = np.maximum(rows, columns) <= radius
+        return near
 
 
 class Som:

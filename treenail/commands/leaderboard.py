@@ -24,6 +24,7 @@ BOARDS = {
     "transfer": "learn at random starts, freeze, and try at starts, friction, clearance and shapes never seen",
     "long": "long runs, also of tasks that change: is what was learnt kept?",
     "ablation": "the learner with each of its parts left out",
+    "rivals": "earlier controllers, of the thesis's chapter 2, and what each was told",
 }
 ABOUT = """Learning from nothing with noise on, and who does not learn on the same starts beside it. Each run is kept
 as it ends, in --out: a second start goes on, several processes may share a folder and the seeds between them, and
