@@ -69,6 +69,7 @@ COMMANDS = {
 STUDIES = {
     "experiment": "run an experiment in one process, without Zenoh",
     "leaderboard": "hold learners and a hand-written rule against each other on a suite of tasks",
+    "deep": "hold deep learners of stable-baselines3 against Treenail's own on the same starts",
     "compare": "overlay the curves of any runs, and print their figures beside each other",
     "bench": "measure speed on this machine",
     "replay": "rebuild a run's memory and log from its journal, and compare",
@@ -212,6 +213,8 @@ def _study(name: str) -> Callable[[list[str]], int]:
             from treenail.commands.experiment import main
         case "leaderboard":
             from treenail.commands.leaderboard import main
+        case "deep":
+            from treenail.commands.deep import main
         case "compare":
             from treenail.commands.compare import main
         case "bench":

@@ -98,7 +98,7 @@ def _parser() -> Parser:
         metavar=("NAME", "KEY=VALUE"),
         help="and the task's learner with other settings, such as `--variant bold policy.width=2.0`; may be repeated",
     )
-    parser.add_argument("--seeds", type=_seeds, metavar="A..B,C", help="such as 100..109, the default")
+    parser.add_argument("--seeds", type=seeds_of, metavar="A..B,C", help="such as 100..109, the default")
     parser.add_argument("--episodes", type=whole(), metavar="N", help="of who learns (default: 300)")
     parser.add_argument("--baseline-episodes", type=whole(), metavar="N", help="of who does not learn (default: 40)")
     parser.add_argument("--out", type=Path, default=OUT, metavar="DIR", help=f"where to write (default: {OUT})")
@@ -109,7 +109,7 @@ def _parser() -> Parser:
     return parser
 
 
-def _seeds(text: str) -> list[int]:
+def seeds_of(text: str) -> list[int]:
     """Read seeds such as 100..109,200."""
     seeds = list[int]()
     for part in text.split(","):

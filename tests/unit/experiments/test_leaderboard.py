@@ -248,7 +248,7 @@ def test_the_oracle_needs_less_force_than_the_rule(monkeypatch: pytest.MonkeyPat
 
 @pytest.mark.parametrize(("text", "seeds"), [("100..102", [100, 101, 102]), ("7", [7]), ("1..2,9", [1, 2, 9])])
 def test_seeds_are_read(text: str, seeds: list[int]) -> None:
-    assert command._seeds(text) == seeds
+    assert command.seeds_of(text) == seeds
 
 
 @pytest.mark.parametrize("words", [["--seeds", "3..1"], ["--seeds", "1,1"], ["--seeds", "a"], ["--episodes", "0"]])
