@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from services.agent import felt_kernel as kernel
 from services.agent.learning import Learner
 from services.agent.policies import best_chances, choose, faded, probabilities
+from services.agent.search import FOUND, TRIED, FlatFace
 from services.rules.plugins import Lesson, Opinion
 from services.rules.wrench import Wrench
 from services.wire.actions import lines, repeatable
@@ -36,13 +37,14 @@ class FeltLearner(Learner):
         """Start with nothing learnt; ValueError as for ``Learner``."""
         line_of, size_of = lines(moves)
         super().__init__(len(line_of), learner, policy, seed, repeatable(moves))
-        self._model = learner
+        self._model, self._moves = learner, moves
         self._lines, self._sizes = np.array(line_of, np.int64), np.array(size_of)
         count = 1 + max(line_of)
         self._theta = np.zeros((count, kernel.FEATURES))
         self._covariances = np.zeros((count, kernel.FEATURES, kernel.FEATURES))
         self._covariances[:] = np.eye(kernel.FEATURES) / learner.ridge
         self._judged = np.zeros((2, len(line_of)))
+        self._flat = None if learner.search_moves == 0 else FlatFace(moves, learner)
 
     def decide_felt(self, previous: Lesson | None, state: int, felt: Wrench, episode: int, step: int) -> int:
         """Learn from ``previous``, which led to here, and return the action to take; see ``FeelingLearner``."""
@@ -57,8 +59,13 @@ class FeltLearner(Learner):
             self._follow(previous, part * min(limit, max(-limit, most)))
             row = self._row(state)
         draws = self._draws.at(episode, step)
-        action = self._choice(model + row, deviation, episode, draws)
-        return self._or_again(action, None if previous is None else previous.action, episode, draws)
+        values = self._drawn(model + row, deviation, episode, draws)
+        if isinstance(self._policy, Thompson):
+            action = int(values.argmax())
+        else:
+            action = choose(values.tolist(), self._policy, self.episodes_before + episode, draws.random())
+        action = self._or_again(action, None if previous is None else previous.action, episode, draws)
+        return action if self._flat is None else self._flat.decide(action, values, felt, episode)
 
     def finish_felt(self, previous: Lesson) -> None:
         """Learn from the last decision of an episode; see ``FeelingLearner``.
@@ -69,9 +76,11 @@ class FeltLearner(Learner):
         if previous.outcome == "no_progress":
             _check_reward(previous)
             self._follow(previous, previous.reward)
-            return
-        told = self._fit(previous, previous.reward)
-        self._follow(previous, previous.reward - told if previous.outcome == "collision" else 0.0)
+        else:
+            told = self._fit(previous, previous.reward)
+            self._follow(previous, previous.reward - told if previous.outcome == "collision" else 0.0)
+        if self._flat is not None:
+            self._flat.search.finish(previous.outcome == "inserted")
 
     def opinion(self, state: int, felt: Wrench, episode: int) -> Opinion:
         """Return what is thought of each action; see ``FeelingLearner``."""
@@ -97,11 +106,17 @@ class FeltLearner(Learner):
         upper = np.triu_indices(kernel.FEATURES)
         halves = np.ascontiguousarray(self._covariances[:, upper[0], upper[1]])
         model = {"theta": self._theta.astype("<f8").tobytes(), "covariances": halves.astype("<f8").tobytes()}
-        return {**super().snapshot(), "lines": len(self._theta), "features": kernel.FEATURES, **model}
+        searched = {} if self._flat is None else self._flat.search.snapshot()
+        return {**super().snapshot(), "lines": len(self._theta), "features": kernel.FEATURES, **model, **searched}
 
     def restore(self, snapshot: Mapping[str, object]) -> None:
-        """Take over a ``snapshot``, to the last bit. ValueError, with nothing changed, when it does not fit."""
+        """Take over a ``snapshot``, to the last bit. ValueError, with nothing changed, when it does not fit.
+
+        What one that searches has learnt about that is left out by one that does not; the other way round, it begins
+        to search with nothing learnt.
+        """
         table = dict(snapshot)
+        searched = {name: table.pop(name) for name in (FOUND, TRIED) if name in table}
         shape = (table.pop("lines", None), table.pop("features", None))
         expected = self._theta.shape
         if shape != expected:
@@ -114,23 +129,28 @@ class FeltLearner(Learner):
         covariances[:, upper[1], upper[0]] = halves.reshape(len(theta), -1)
         if (np.diagonal(covariances, axis1=1, axis2=2) < 0.0).any():
             raise ValueError("snapshot: expected variances of 0 or more, got less")
+        flat = None if self._flat is None else FlatFace(self._moves, self._model)
+        if flat is not None and searched:
+            flat.search.restore(searched)
         super().restore(table)
-        self._theta, self._covariances = theta, covariances
+        self._theta, self._covariances, self._flat = theta, covariances, flat
 
     def digest(self) -> str:
         """Return the SHA-256, in hex, of table and model: equal for equal memories."""
         model = self._theta.astype("<f8").tobytes() + self._covariances.astype("<f8").tobytes()
-        return hashlib.sha256(super().digest().encode() + model).hexdigest()
+        searched = b"" if self._flat is None else b"".join(self._flat.search.snapshot().values())
+        return hashlib.sha256(super().digest().encode() + model + searched).hexdigest()
 
-    def _choice(
+    def _drawn(
         self, values: NDArray[np.float64], deviation: NDArray[np.float64], episode: int, draws: np.random.Generator
-    ) -> int:
-        """Return the policy's action for these values and standard deviations, shape (actions,) each."""
+    ) -> NDArray[np.float64]:
+        """Return what each move is taken to be worth this time, shape (actions,): drawn, with Thompson sampling."""
         policy, when = self._policy, self.episodes_before + episode
         if not isinstance(policy, Thompson):
-            return choose(values.tolist(), policy, when, draws.random())
+            return values
         width = policy.width * faded(policy.width_fade, when)
-        return int((values + width * deviation * draws.standard_normal(values.size)).argmax())
+        drawn: NDArray[np.float64] = values + width * deviation * draws.standard_normal(values.size)
+        return drawn
 
     def _judge(self, wrench: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return what each move is thought to earn at once and the standard deviation of that, shape (actions,) each.

@@ -102,3 +102,18 @@ def lines(moves: Moves) -> tuple[tuple[int, ...], tuple[float, ...]]:
     for line, length in zip(line_of, length_of, strict=True):
         largest[line] = max(largest[line], abs(length))
     return tuple(line_of), tuple(length / largest[line] for length, line in zip(length_of, line_of, strict=True))
+
+
+def lateral_moves(moves: Moves) -> dict[tuple[int, int], int]:
+    """Return the shortest move in each lateral direction that has one, as its action by signs along X and Y."""
+    shortest: dict[tuple[int, int], int] = {}
+    steps = increments(moves)
+    for action, step in enumerate(steps):
+        others = step._replace(dx_mm=0.0, dy_mm=0.0)
+        if any(others) or bool(step.dx_mm) == bool(step.dy_mm):
+            continue
+        direction = ((step.dx_mm > 0) - (step.dx_mm < 0), (step.dy_mm > 0) - (step.dy_mm < 0))
+        length = abs(step.dx_mm + step.dy_mm)
+        if direction not in shortest or length < abs(sum(steps[shortest[direction]][:2])):
+            shortest[direction] = action
+    return shortest

@@ -146,6 +146,14 @@ class FeltModel(Checked, frozen=True, kw_only=True, tag_field="kind", tag="felt"
     """Most, up or down, that one reward tells the model; of a collision's the table is told the rest."""
     value_limit: Annotated[float, Meta(gt=0, le=1e6)] = 20.0
     """Most, up or down, that what comes next is taken to be worth."""
+    search_moves: Annotated[int, Meta(ge=0, le=50)] = 0
+    """How many lateral moves around the start of an episode a search over a flat face reaches; 0 for no search."""
+    search_cone: Annotated[float, Meta(ge=0, le=10)] = 0.35
+    """Lateral force, as a part of the axial one, up to which it may be friction alone: there the search moves aside."""
+    search_press_n: Annotated[float, Meta(ge=0, le=100)] = 1.0
+    """Pressed less than this, the search steps in the direction of insertion first."""
+    search_turn: Annotated[float, Meta(ge=-1e6, le=1e6)] = 1.0
+    """A turn that is thought to be worth at least this goes before the search."""
 
 
 class Plugin(Checked, frozen=True, kw_only=True, tag_field="kind", tag="plugin"):

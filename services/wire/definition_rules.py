@@ -6,7 +6,7 @@ import math
 
 from msgspec import ValidationError, convert, to_builtins
 
-from services.wire.actions import extremes, increments
+from services.wire.actions import extremes, increments, lateral_moves
 from services.wire.cross_section import Corner, CrossSection
 from services.wire.definition import (
     SPREADS,
@@ -98,6 +98,13 @@ def contradiction(definition: Definition) -> tuple[str, str] | None:
         ),
         *_moves_rules(definition.moves),
         *_start_rules(definition.start),
+        (
+            not isinstance(definition.learner, FeltModel)
+            or definition.learner.search_moves == 0
+            or len(lateral_moves(definition.moves)) == 4,
+            "learner.search_moves",
+            "expected moves along +X, -X, +Y and -Y alone in moves.list, to search with",
+        ),
         (
             not isinstance(definition.policy, Thompson) or isinstance(definition.learner, FeltModel | Plugin),
             "policy.kind",

@@ -14,24 +14,24 @@ import pytest
 
 pytest.importorskip("gymnasium", reason="the extra gym is not installed")
 
-import gymnasium  # noqa: E402
+import gymnasium
 
-from experiments.deep import folding, jobs, libraries, methods, page, plan, runner, study  # noqa: E402
-from experiments.deep.episodes import Numbered  # noqa: E402
-from experiments.deep.jobs import Environment, Job, Learnt, Order, key  # noqa: E402
-from experiments.deep.learner import work  # noqa: E402
-from experiments.evaluate.controllers import RandomMoves  # noqa: E402
-from experiments.evaluate.trial import trial  # noqa: E402
-from experiments.lab import pool  # noqa: E402
-from experiments.lab.progress import Lines  # noqa: E402
-from experiments.leaderboard.figures import figures  # noqa: E402
-from experiments.leaderboard.jobs import Outcome  # noqa: E402
-from experiments.reproduce.cache import Cache  # noqa: E402
-from services.wire.definition import Definition  # noqa: E402
-from services.wire.errors import TreenailError  # noqa: E402
-from treenail import load  # noqa: E402
-from treenail.commands import deep as command  # noqa: E402
-from treenail.registration import peg_in_hole  # noqa: E402
+from experiments.deep import folding, jobs, libraries, methods, page, plan, runner, study
+from experiments.deep.episodes import Numbered
+from experiments.deep.jobs import Environment, Job, Learnt, Order, key
+from experiments.deep.learner import work
+from experiments.evaluate.controllers import RandomMoves
+from experiments.evaluate.trial import trial
+from experiments.lab import pool
+from experiments.lab.progress import Lines
+from experiments.leaderboard.figures import figures
+from experiments.leaderboard.jobs import Outcome
+from experiments.reproduce.cache import Cache
+from services.wire.definition import Definition
+from services.wire.errors import TreenailError
+from treenail import load
+from treenail.commands import deep as command
+from treenail.registration import peg_in_hole
 
 HERE = Environment(peg_in_hole, ("treenail.gym",))
 SHORT = {"start.height_mm": 0.4, "limits.success_fraction": 0.3, "limits.move_limit": 60}
