@@ -27,7 +27,7 @@ _BESIDE = 0.5
 """Part of it that counts for each of the eight places around: dead reckoning errs by the wrist's give and by noise."""
 FOUND, TRIED = "search_found", "search_tried"
 """Names of the two tables in a snapshot."""
-_MOST = 1 << 40
+_MOST = 1 << 53
 
 _NOTHING_N = 0.1
 """A lateral force up to this may be noise."""
@@ -107,9 +107,11 @@ class FlatSearch:
         return {FOUND: self.found.astype("<i8").tobytes(), TRIED: self.tried.astype("<i8").tobytes()}
 
     def restore(self, snapshot: Mapping[str, object]) -> None:
-        """Take over a ``snapshot``, with an episode about to begin. ValueError, with nothing changed, if it is none."""
-        found, tried = (self._table(snapshot.get(name), name) for name in (FOUND, TRIED))
-        self.found, self.tried = found, tried
+        """Take over a ``snapshot``, with an episode about to begin; of a search of another radius what both reach.
+
+        ValueError, with nothing changed, if it is none.
+        """
+        self.found, self.tried = (self._table(snapshot.get(name), name) for name in (FOUND, TRIED))
         self.begin()
 
     def _weigh(self) -> NDArray[np.float64]:
@@ -128,13 +130,20 @@ class FlatSearch:
 
     def _table(self, value: object, name: str) -> NDArray[np.int64]:
         """Return a table of counts from a snapshot's bytes. Raises ValueError."""
-        if not isinstance(value, bytes) or len(value) != 8 * self.found.size:
+        size = len(value) // 8 if isinstance(value, bytes) and len(value) % 8 == 0 else 0
+        side = math.isqrt(size)
+        if not isinstance(value, bytes) or side * side != size or side % 2 == 0:
             got = f"{len(value)} bytes" if isinstance(value, bytes) else type(value).__name__
-            raise ValueError(f"snapshot: expected {name} to be {8 * self.found.size} bytes, got {got}")
-        counts = np.frombuffer(value, "<i8").astype(np.int64).reshape(self.found.shape)
+            raise ValueError(f"snapshot: expected {name} to be a square of counts with a middle, got {got}")
+        counts = np.frombuffer(value, "<i8").astype(np.int64).reshape(side, side)
         if (counts < 0).any() or (counts > _MOST).any():
             raise ValueError(f"snapshot: expected counts of 0 or more as {name}, got others")
-        return counts
+        table, theirs = np.zeros_like(self.found), side // 2
+        both = min(self._radius, theirs)
+        ours = slice(self._radius - both, self._radius + both + 1)
+        of_theirs = slice(theirs - both, theirs + both + 1)
+        table[ours, ours] = counts[of_theirs, of_theirs]
+        return table
 
 
 def _around(grid: NDArray[np.int64]) -> NDArray[np.int64]:

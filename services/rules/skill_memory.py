@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -16,7 +17,10 @@ _LARGEST_VALUE = 1e12
 _LARGEST_VERSION = 2**53
 _AGENT = ("actions", "q", "states", "version", "visits")
 _MODEL = ("covariances", "features", "lines", "theta")
+_SEARCHED = ("search_found", "search_tried")
 _MOST_FEATURES = 1000
+_WIDEST = 101
+"""Most places along a side of what a search has looked at: 50 moves each way."""
 _CLASSIFIER = ("counts", "inputs", "states", "weights")
 
 Memory = Mapping[str, bytes | int]
@@ -24,7 +28,10 @@ Memory = Mapping[str, bytes | int]
 
 def check_felt(memory: Memory, moves: Moves) -> int:
     """Return the number of states in the memory of a felt learner. Raises BadPayloadError."""
-    _check_names(memory, (*_AGENT, *_MODEL), "agent")
+    searched = any(name in memory for name in _SEARCHED)
+    _check_names(memory, (*_AGENT, *_MODEL, *(_SEARCHED if searched else ())), "agent")
+    if searched:
+        _check_searched(memory)
     lines, features = 1 + max(lines_of(moves)[0]), number(memory, "features")
     if number(memory, "lines") != lines or not 0 < features <= _MOST_FEATURES:
         raise BadPayloadError(f"skill: agent: expected a model of {lines} lines, got another")
@@ -90,6 +97,19 @@ def number(memory: Memory, name: str) -> int:
     if not isinstance(value, int) or value < 0:
         raise BadPayloadError(f"skill: {name}: expected a whole number of 0 or more, got {type(value).__name__}")
     return value
+
+
+def _check_searched(memory: Memory) -> None:
+    """Check the counts of a search: two squares with the start in the middle."""
+    found = memory[_SEARCHED[0]]
+    size = len(found) // _ITEM_BYTES if isinstance(found, bytes) else 0
+    side = math.isqrt(size)
+    if side * side != size or side % 2 == 0 or not 3 <= side <= _WIDEST:
+        raise BadPayloadError(f"skill: agent: expected a square of odd sides as {_SEARCHED[0]}, got {size} places")
+    for name in _SEARCHED:
+        counts = np.frombuffer(_block(memory, name, size), "<i8")
+        if (counts < 0).any() or (counts > _LARGEST_VERSION).any():
+            raise BadPayloadError(f"skill: agent: expected counts of 0 or more as {name}, got others")
 
 
 def _check_names(memory: Memory, expected: tuple[str, ...], whose: str) -> None:

@@ -5,13 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from experiments.evaluate.frozen import FrozenSkill
+from experiments.evaluate.trial import trial
 from experiments.lab.in_process import InProcessRun
+from services.agent.fold import learner_of
 from services.agent.search import FlatFace, FlatSearch
+from services.rules.skill import file_bytes, parse
+from services.rules.skill_memory import check_felt
 from services.rules.wrench import Wrench
 from services.wire.actions import INSERT, lateral_moves
 from services.wire.definition import FeltModel, Moves, NamedMove
 from services.wire.definition_file import load
-from services.wire.errors import DefinitionError
+from services.wire.errors import BadPayloadError, DefinitionError
 
 RADIUS = 4
 FLAT = Wrench((0.0, 0.0, -2.0), (0.0, 0.0, 0.0))
@@ -60,8 +65,13 @@ def test_a_memory_is_restored_to_the_byte_and_one_that_does_not_fit_is_refused()
     other.restore(search.snapshot())
     assert other.snapshot() == search.snapshot()
     assert walk(other, 9) == walk(search, 9)
+    wider = FlatSearch(Moves(), RADIUS + 2)
+    wider.restore(search.snapshot())
+    assert wider.found.sum() == search.found.sum()
+    other.restore(wider.snapshot())
+    assert other.snapshot() == search.snapshot()
     with pytest.raises(ValueError, match="search_found"):
-        FlatSearch(Moves(), RADIUS + 1).restore(search.snapshot())
+        other.restore({**search.snapshot(), "search_found": bytes(8 * 16)})
     with pytest.raises(ValueError, match="search_tried"):
         other.restore({**search.snapshot(), "search_tried": b"\xff" * len(search.snapshot()["search_tried"])})
 
@@ -107,3 +117,26 @@ def test_a_run_that_goes_on_from_a_memory_ends_in_the_same_bytes() -> None:
     rest.episodes_done, rest.decisions = half.episodes_done, half.decisions
     list(rest.episodes(3))
     assert rest.agent.learner.digest() == whole.agent.learner.digest()
+
+
+def test_a_skill_of_one_that_searches_goes_through_a_file_and_is_tried_frozen() -> None:
+    definition = load("suite-chamferless-start")
+    run = InProcessRun(definition, 5006)
+    list(run.episodes(20))
+    skill = parse(file_bytes(run.learnt()))
+    frozen = FrozenSkill(skill, definition, 1)
+    assert all(episode.outcome == "inserted" for episode in trial(definition, frozen, 200, 5).episodes)
+    with pytest.raises(BadPayloadError, match="search_tried"):
+        check_felt({**skill.skill.agent, "search_tried": b""}, definition.moves)
+    with pytest.raises(BadPayloadError, match="search_found"):
+        check_felt({**skill.skill.agent, "search_found": bytes(32), "search_tried": bytes(32)}, definition.moves)
+
+
+def test_one_that_does_not_search_takes_over_what_it_can() -> None:
+    definition = load("suite-chamferless-start")
+    run = InProcessRun(definition, 5006)
+    list(run.episodes(3))
+    plain = learner_of(load("suite-chamferless-start", ["learner.search_moves=0"]), 5006)
+    plain.restore(run.agent.learner.snapshot())
+    assert "search_found" not in plain.snapshot()
+    run.agent.learner.restore(plain.snapshot())
