@@ -94,7 +94,10 @@ def test_a_wish_becomes_the_tables_that_change(wish: Wish, tables: dict[str, obj
     ("wish", "said"),
     [
         (Wish("agent", ("learner=salsa",)), "learner: expected one of q_learning, sarsa.*got 'salsa'"),
-        (Wish("classifier", ("classifier=q_learning",)), "classifier: expected one of art2, none, art1, art2a, fuzzy-art"),
+        (
+            Wish("classifier", ("classifier=q_learning",)),
+            "classifier: expected one of art2, none, art1, art2a, fuzzy-art",
+        ),
         (Wish("agent", ("alpah=0.1",)), "did you mean 'alpha'"),
         (Wish("agent", ("alpha=7",)), "alpha"),
         (Wish("agent", ("policy=lazy",)), "expected one of 'greedy'"),
