@@ -11,7 +11,7 @@ cell = sys.argv[2] if len(sys.argv) > 2 else "a"
 config = zenoh.Config.from_json5(json.dumps({"mode": "client", "connect": {"endpoints": [endpoint]}}))
 with zenoh.open(config) as session:
     for reply in session.get(f"treenail/{cell}/journal/*/latest"):
-        assert str(reply.ok.encoding) == "application/msgpack;treenail.JournalEpisode.v3"
+        assert str(reply.ok.encoding) == "application/msgpack;treenail.JournalEpisode.v4"
         entry = msgpack.unpackb(reply.ok.payload.to_bytes())
         outcome = entry["summary"]["outcome"]
         print(f"run {entry['run']}, episode {entry['episode']}: {len(entry['steps'])} decisions, {outcome}")

@@ -66,6 +66,8 @@ class SensorShell:
         service, came_ns = self._service, sample.came_ns + self._ahead_ns
         try:
             attached = self._node.read(sample, WRENCH)
+            if self._stream.comes_from_another(attached):
+                self._say(CHANGED)
             packet = self._stream.take(self._node.messages.read_wrench(sample.data), attached, came_ns)
         except (ClockError, FrameError, MessageError) as error:
             # It is the sensor itself that cannot be believed: the robot has to know at once.

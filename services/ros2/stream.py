@@ -31,6 +31,8 @@ class Stream:
         self._period_ns, self._oldest_ns = round(NS / rate_hz), round(oldest_s * NS)
         self._delay = LeastDelay()
         self._gid: bytes | None = None
+        self._before: bytes | None = None
+        """Who published before the stream was last begun."""
         self._number = 0
         """Of the publisher's newest sample."""
         self._stamp_ns: int | None = None
@@ -39,6 +41,7 @@ class Stream:
 
     def begin(self) -> None:
         """Take whoever comes next for the publisher, with a clock of its own."""
+        self._before = self._gid or self._before
         self._gid = self._stamp_ns = None
         self._number = 0
         self._delay.forget()
@@ -62,6 +65,10 @@ class Stream:
         self._t_ns = max(self._t_ns + 1, min(came_ns, wrench.t_ns - (self._delay.there_ns(0) or 0)))
         self._load = self._mount.to_tool(wrench.force_n, wrench.torque_nm)
         return self._packet(0)
+
+    def comes_from_another(self, attached: Attachment) -> bool:
+        """Return whether this is the first sample of another publisher than the one before: another sensor, maybe."""
+        return self._gid is None and self._before is not None and self._before != attached.gid
 
     def say(self, status: int, now_ns: int) -> FtPacket:
         """Return a status without a sample: the load is the one felt last."""

@@ -36,6 +36,9 @@ class Robot:
         self._anew = False
         """Whether the sensor began anew since its zero was taken."""
         samples = max(sensor.window, sensor.tare_samples)
+        self._broken = False
+        """Whether a stream began anew since the newest motion was asked for. It may be another sensor's, on an arm that
+        lost its place with it: nothing that it shows counts before the motion was asked for once more."""
         self._within_s = FELT_WITHIN_S + 2.0 * (samples - 1) / (sensor.rate_hz or SLOWEST_HZ)
         self._fresh = Freshness()
         self._pause_s = RETRY_S
@@ -99,8 +102,8 @@ class Robot:
 
         def all_there() -> bool:
             nonlocal felt
-            felt = self._windows.after(arrived_t_ns)
-            return felt is not None
+            felt = None if self._broken else self._windows.after(arrived_t_ns)
+            return felt is not None or self._broken
 
         self._service.work_until(all_there, self._within_s, heed_quiet=True)
         return felt
@@ -109,6 +112,7 @@ class Robot:
         at_home = isinstance(motion, Home)
         self._service.work_until(lambda: True, 0.0)  # what was felt before belongs to the motion before
         self._windows.begin(at_home=at_home)
+        self._broken = False
         self._anew = self._anew and not at_home
         return self._ask_home(motion) if isinstance(motion, Home) else self._ask_move(motion)
 
@@ -135,4 +139,6 @@ class Robot:
         if taken != "old":
             if self._tares and (taken == "other" or packet.status & ANEW):
                 self._anew = True
+            if packet.period_ns and packet.status & ANEW:
+                self._broken = True
             self._windows.take(packet)

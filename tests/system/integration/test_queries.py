@@ -244,7 +244,7 @@ def test_an_answer_of_another_contract_is_named(house: Any, run_module: Callable
     process = run_module("treenail.__main__", "policy", "--state", "1", "--connect", house.endpoint)
     assert process.end() == 2
     (line,) = process.err.splitlines()
-    assert "PolicyAnswer: expected version 3, got version 1" in line
+    assert "PolicyAnswer: expected version 4, got version 1" in line
     assert "another contract" in line
 
 

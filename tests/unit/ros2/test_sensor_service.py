@@ -35,6 +35,7 @@ class Bench:
         self.shell = SensorShell(self.service, Settings(TOPIC, "fts"), node)
         self._start_ns = time.time_ns()
         self._number = 0
+        self.gid = GID
 
     def sample(
         self, frame: str = "fts", x: float = 1.0, kind: str = WRENCH, type_hash: str = HASH, jump_s: float = 0.0
@@ -44,7 +45,7 @@ class Bench:
         passed_ns = 2_000_000 * self._number
         stamp_ns = self._start_ns + passed_ns + round(jump_s * 1e9)
         data = MESSAGES.wrench(Wrench(stamp_ns, frame, (x, 0.0, 0.0), (0.0, 0.0, 0.0)))
-        attached = written(Attachment(self._number, stamp_ns, GID), MESSAGES.distribution)
+        attached = written(Attachment(self._number, stamp_ns, self.gid), MESSAGES.distribution)
         before = len(self.service.published(FtPacket))
         self.shell.take(Sample(topic_key(0, TOPIC, kind, type_hash), data, attached, passed_ns))
         return self.service.published(FtPacket)[before:]
@@ -97,3 +98,16 @@ def test_silence_is_told(bench: Bench) -> None:
     bench.shell.watch(time.monotonic() + 1.0)
     told = bench.service.published(FtPacket)[before:]
     assert {packet.status for packet in told} == {LOST}, "and again when it was looked who is there"
+
+
+def test_another_publisher_after_a_silence_is_told_before_its_samples(bench: Bench) -> None:
+    bench.sample()
+    bench.shell.watch(time.monotonic() + 1.0)
+    (same,) = bench.sample()
+    assert same.status == 0, "it was silent, and is the same"
+    bench.shell.watch(time.monotonic() + 1.0)
+    bench.gid = b"another".ljust(16)
+    changed, good = bench.sample(x=2.0)
+    assert (changed.status, good.status) == (CHANGED, 0)
+    assert good.sequence > changed.sequence and good.t_ns > changed.t_ns
+    assert [packet.status for packet in bench.sample()] == [0]
