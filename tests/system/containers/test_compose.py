@@ -90,6 +90,15 @@ def test_through_an_emulated_arm_of_universal_robots_the_suite_s_task_is_learnt_
     assert len(composition.containers("robot_ur")) == len(composition.containers("ur-controller")) == 1
 
 
+def test_through_an_emulated_arm_behind_topics_of_ros_2_the_suite_s_task_is_learnt_the_same(
+    composition: Any, reference: Callable[..., dict[str, str]]
+) -> None:
+    composition.profile = "ros2"
+    composition("up", "--detach", EPISODES=3, SEED=1, EXPERIMENT=SUITE)
+    assert composition.digests(3) == reference(3, 1, *FULL_SCALES, "start.decimals=4", experiment=SUITE)
+    assert len(composition.containers("ros2_robot")) == len(composition.containers("ros2_sensor")) == 1
+
+
 def test_containers_are_given_no_more_than_they_need(composition: Any, docker: Docker) -> None:
     composition("up", "--detach", "sim", EPISODES=2)
     for name in CONTAINERS:
