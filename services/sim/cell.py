@@ -19,10 +19,9 @@ from services.sim.world import Reading, World
 from services.wire.actions import Increment
 from services.wire.definition import Definition
 from services.wire.definition_changes import at_episode
+from services.wire.low_pass import MOTION_NS as MOTION_NS
 from services.wire.messages import FtPacket, Home, Move, Moved, Truth
 
-MOTION_NS = 20_000_000
-"""Simulated time that one motion takes; between two of them it stands still."""
 SATURATED = 1
 """Bit of ``FtPacket.status``."""
 _MOTIONS_PER_EPISODE = 2**17

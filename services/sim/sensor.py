@@ -1,16 +1,19 @@
 """The simulated force/torque sensor: what it shows of a load, with the tool's weight, a wandering zero and noise.
 
-What it shows is a function of definition, seed, episode, step, load and orientation, and of nothing else.
+What it shows is a function of definition, seed, episode, step, load and orientation, and of nothing else; behind a
+low-pass (``sensor.filter_hz``) also of the loads since the episode began.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
 from services.rules.ft_counts import FtCounts
+from services.sim.low_pass import LowPass
 from services.sim.mount import Mount
 from services.sim.pose import Pose, Vector, conjugate, rotate
 from services.sim.world import Reading
@@ -43,6 +46,7 @@ class SimulatedSensor:
         self._weight = Weight(definition.tool, definition.wrist.sensor_height_mm)
         self._zero = Zero(definition.drift, seed)
         self._draws = Draws(seed, Role.SENSOR_NOISE)
+        self._low_pass = LowPass(sensor) if sensor.filter_hz > 0.0 else None
 
     def samples(
         self, load: Reading, flange: Pose, episode: int, step: int, count: int | None = None
@@ -55,7 +59,10 @@ class SimulatedSensor:
         if count is None:
             count = self._at_home if step == 0 else self._window
         force_n, torque_nm = self._zero.added(*self._seen(load, flange), episode, step)
-        loads = self._with_errors(force_n, torque_nm, episode, step, count)
+        if self._low_pass is None:
+            loads = self._with_errors(force_n, torque_nm, episode, step, count)
+        else:
+            loads = self._filtered(self._low_pass, (*force_n, *torque_nm), episode, step, count)
         if self._counts is None or not all(math.isfinite(value) for one in loads for value in (*one[0], *one[1])):
             return loads, False
         counted = [self._counts.quantised(*one) for one in loads]
@@ -78,6 +85,15 @@ class SimulatedSensor:
             return [(force, (tx + torque_error_nm * ea, ty + torque_error_nm * eb, tz + torque_error_nm * ec))]
         rows = (np.array((*force_n, *torque_nm)) + self._errors * draw.standard_normal((count, 6))).tolist()
         return [((fx, fy, fz), (tx, ty, tz)) for fx, fy, fz, tx, ty, tz in rows]
+
+    def _filtered(self, low_pass: LowPass, load: Sequence[float], episode: int, step: int, count: int) -> Samples:
+        """Return samples behind the filter, which takes in those of the motion before them, too."""
+        rows = low_pass.before(step == 0) + count
+        errors = [(0.0,) * 6] * rows
+        if not self._exact:
+            errors = (self._errors * self._draws.at(episode, step).standard_normal((rows, 6))).tolist()
+        read = low_pass.read(load, errors, step == 0)
+        return [((fx, fy, fz), (tx, ty, tz)) for fx, fy, fz, tx, ty, tz in read]
 
 
 class Weight:

@@ -36,6 +36,7 @@ _LATER: Mapping[str, object] = {
     "moves.rotation_centre_mm": 0.0,
     "sensor.window": 1,
     "sensor.rate_hz": 0,
+    "sensor.filter_hz": 0.0,
     "sensor.tare_samples": 0,
     "sensor.tare_step_n": 1.0,
     "sensor.tare_most_n": 5.0,

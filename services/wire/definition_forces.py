@@ -29,6 +29,8 @@ class Sensor(Checked, frozen=True, kw_only=True):
     """Samples whose mean is what is felt after a motion: the first so many once it has ended (docs/forces.md)."""
     rate_hz: Annotated[int, Meta(ge=0, le=100000)] = 0
     """Samples a second that the sensor has to give, to within 5 %; 0 for as many as it gives."""
+    filter_hz: Annotated[float, Meta(ge=0, le=10000)] = 0.0
+    """Cut-off of the low-pass that samples went through, 31.25 of a JR3's filter 3; 0: none. A real one is not set."""
     tare_samples: Annotated[int, Meta(ge=0, le=MOST_SAMPLES)] = 0
     """Samples at the start of each episode, in the air, whose mean becomes the zero of the episode; 0 for no tare."""
     tare_step_n: SmallForce = 1.0

@@ -5,12 +5,21 @@ from __future__ import annotations
 import math
 
 from services.wire.definition import Definition
+from services.wire.low_pass import quieter, worth
 
 
 def sample_sigma_n(definition: Definition) -> float:
-    """Return the standard deviation of a force component of a single sample [N]: measured, or the simulator's."""
+    """Return the standard deviation of a force component of a single sample as it is read [N].
+
+    It is the measured one, or the simulator's, which is that before the filter.
+    """
     noise, calibration = definition.noise, definition.calibration
-    return calibration.sigma_n if calibration.made else noise.scale * noise.force_n
+    return calibration.sigma_n if calibration.made else noise.scale * noise.force_n * quieter(definition.sensor)
+
+
+def window_sigma_n(definition: Definition) -> float:
+    """Return the standard deviation of a force component of the mean of a window [N]."""
+    return sample_sigma_n(definition) / math.sqrt(worth(definition.sensor, definition.sensor.window))
 
 
 def felt_sigma_n(definition: Definition) -> float:
@@ -19,7 +28,9 @@ def felt_sigma_n(definition: Definition) -> float:
     That is of the mean of a window less the zero, which is itself a mean of samples.
     """
     sensor = definition.sensor
-    parts = 1.0 / sensor.window + (1.0 / sensor.tare_samples if sensor.tare_samples else 0.0)
+    parts = 1.0 / worth(sensor, sensor.window)
+    if sensor.tare_samples:
+        parts += 1.0 / worth(sensor, sensor.tare_samples)
     return sample_sigma_n(definition) * math.sqrt(parts)
 
 

@@ -16,7 +16,8 @@ import math
 
 from services.wire.actions import Increment, guidance, increments
 from services.wire.definition import Definition
-from services.wire.felt_noise import sample_sigma_n
+from services.wire.felt_noise import window_sigma_n
+from services.wire.low_pass import unfelt
 
 SETTLING_N = 0.5
 """Allowance for what a pressed peg's force does when it settles anew, without a motion to cause it [N]."""
@@ -37,9 +38,12 @@ class ForceBound:
         arm_n = math.hypot(self._per_mm * (shift_mm + self._lever_mm * turn), self._per_rad * turn)
         # Twice the sensor's: the reading before may be too low, the one after too high.
         # The zero's own error is in both, so that it adds nothing.
-        sensor_n = sample_sigma_n(definition) / math.sqrt(definition.sensor.window)
+        sensor_n = window_sigma_n(definition)
         self._unsure_n = SURE * math.sqrt((noise.scale * arm_n) ** 2 + 2.0 * sensor_n**2) + SETTLING_N
         motions = (*increments(definition.moves), guidance(definition.moves))
+        late = unfelt(definition.sensor)
+        if late > 0.0:  # a filter shows less than there was before the motion
+            self._unsure_n += late * max(map(self._spring_n, motions))
         self.largest_n = max(map(self.added_n, motions))
         """The most that one of the experiment's actions adds [N]."""
         self.needed_n = definition.limits.collision_force_n + self.largest_n
@@ -47,6 +51,10 @@ class ForceBound:
 
     def added_n(self, increment: Increment) -> float:
         """Return the most that a motion adds to the magnitude of the force [N], errors of arm and sensor included."""
+        return self._spring_n(increment) + self._unsure_n
+
+    def _spring_n(self, increment: Increment) -> float:
+        """Return what it adds by itself [N]."""
         tilt, turn = math.radians(math.hypot(*increment[3:5])), math.radians(math.hypot(*increment[3:]))
         shift_mm = math.hypot(*increment[:3]) + self._lever_mm * tilt
-        return math.hypot(self._per_mm * shift_mm, self._per_rad * turn) + self._unsure_n
+        return math.hypot(self._per_mm * shift_mm, self._per_rad * turn)

@@ -6,6 +6,7 @@ import math
 
 from services.wire.definition import Calibration, Definition
 from services.wire.felt_noise import contact_force_n, sample_sigma_n
+from services.wire.low_pass import LEAST_HZ
 
 _SHORTEST = 0.1
 
@@ -16,6 +17,12 @@ def force_rules(definition: Definition) -> tuple[tuple[bool, str, str], ...]:
     contact_n, most_n = contact_force_n(definition), limits.collision_force_n
     down, measured = math.hypot(tool.down_x, tool.down_y, tool.down_z), sample_sigma_n(definition) > 0.0
     return (
+        (
+            sensor.filter_hz == 0.0 or LEAST_HZ <= sensor.filter_hz < sensor.rate_hz / 2,
+            "sensor.filter_hz",
+            f"expected 0, or from {LEAST_HZ} to less than half of sensor.rate_hz = {sensor.rate_hz}, got "
+            f"{sensor.filter_hz}",
+        ),
         (
             sensor.tare_samples == 0 or sensor.tare_samples >= sensor.window,
             "sensor.tare_samples",

@@ -9,9 +9,9 @@ import pytest
 from msgspec.structs import replace
 
 from services.sim.pose import Pose
-from services.sim.sensor import SimulatedSensor
+from services.sim.sensor import Samples, SimulatedSensor
 from services.sim.world import NO_LOAD, Reading
-from services.wire.definition import Definition, Drift, Sensor, Tool
+from services.wire.definition import Definition, Drift, Noise, Sensor, Tool
 
 HEAVY = Definition(name="heavy", tool=Tool(mass_kg=0.5, centre_x_mm=10.0, centre_z_mm=-60.0))
 WEIGHT_N = 0.5 * 9.80665
@@ -80,3 +80,36 @@ def test_a_heavy_tool_can_saturate_a_small_sensor() -> None:
     small = replace(HEAVY, sensor=Sensor(full_scale_n=20, full_scale_dnm=10), tool=Tool(mass_kg=5.0))
     _, saturated = SimulatedSensor(small, 0).samples(NO_LOAD, Pose(0, 0, -5), 0, 0)
     assert saturated
+
+
+FILTERED = Definition(
+    name="filtered", sensor=Sensor(window=3, rate_hz=1000, filter_hz=31.25), noise=Noise(force_n=0.1, torque_nm=0.01)
+)
+
+
+def motions(sensor: SimulatedSensor, episode: int, loads_n: list[float]) -> list[tuple[Samples, bool]]:
+    """Return what is shown of an episode whose motions bring these loads, the first of them home."""
+    return [
+        sensor.samples(Reading((load_n, 0.0, 0.0), (0.0, 0.0, 0.0)), Pose(0, 0, -5), episode, step)
+        for step, load_n in enumerate(loads_n)
+    ]
+
+
+def test_behind_a_filter_a_load_comes_late_and_in_full() -> None:
+    still = replace(FILTERED, noise=Noise())
+    home, late, later = (
+        [force[0] for force, _ in loads] for loads, _ in motions(SimulatedSensor(still, 0), 0, [0.0, 3.0, 3.0])
+    )
+    assert home == [0.0] * 3
+    assert len(late) == 3 and 2.0 < late[0] < late[1] < late[2] < 2.9
+    assert later[-1] == pytest.approx(3.0, abs=0.03)
+
+
+def test_what_a_filter_shows_depends_on_the_episode_s_motions_alone() -> None:
+    """A cell that was killed is brought back by the same home and the same motions."""
+    through, loads_n = SimulatedSensor(FILTERED, 3), [0.0, 1.0, 5.0, 2.0]
+    first = motions(through, 0, loads_n)
+    second = motions(through, 1, loads_n)
+    assert motions(through, 0, loads_n) == first != second
+    assert motions(SimulatedSensor(FILTERED, 3), 1, loads_n) == second
+    assert motions(SimulatedSensor(FILTERED, 3), 1, [0.0, 9.0, 5.0, 2.0])[1:] != second[1:]
