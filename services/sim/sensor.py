@@ -53,16 +53,17 @@ class SimulatedSensor:
     ) -> tuple[Samples, bool]:
         """Return the samples after a motion, each with an error of its own, and whether any of them is saturated.
 
-        ``load`` is what the surroundings do to the peg; ``count`` is the number of samples, that of the window, or of
-        the tare at the start of an episode, unless it is given.
+        ``load`` is what the surroundings do to the peg. The number of samples is that of the window, or of the tare
+        at the start of an episode; ``count`` are as many of an arm that has stood still for long.
         """
+        at_rest = step == 0 or count is not None
         if count is None:
             count = self._at_home if step == 0 else self._window
         force_n, torque_nm = self._zero.added(*self._seen(load, flange), episode, step)
         if self._low_pass is None:
             loads = self._with_errors(force_n, torque_nm, episode, step, count)
         else:
-            loads = self._filtered(self._low_pass, (*force_n, *torque_nm), episode, step, count)
+            loads = self._filtered(self._low_pass, (*force_n, *torque_nm), episode, step, count, at_rest)
         if self._counts is None or not all(math.isfinite(value) for one in loads for value in (*one[0], *one[1])):
             return loads, False
         counted = [self._counts.quantised(*one) for one in loads]
@@ -86,13 +87,15 @@ class SimulatedSensor:
         rows = (np.array((*force_n, *torque_nm)) + self._errors * draw.standard_normal((count, 6))).tolist()
         return [((fx, fy, fz), (tx, ty, tz)) for fx, fy, fz, tx, ty, tz in rows]
 
-    def _filtered(self, low_pass: LowPass, load: Sequence[float], episode: int, step: int, count: int) -> Samples:
+    def _filtered(
+        self, low_pass: LowPass, load: Sequence[float], episode: int, step: int, count: int, at_rest: bool
+    ) -> Samples:
         """Return samples behind the filter, which takes in those of the motion before them, too."""
-        rows = low_pass.before(step == 0) + count
+        rows = low_pass.before(at_rest) + count
         errors = [(0.0,) * 6] * rows
         if not self._exact:
             errors = (self._errors * self._draws.at(episode, step).standard_normal((rows, 6))).tolist()
-        read = low_pass.read(load, errors, step == 0)
+        read = low_pass.read(load, errors, at_rest)
         return [((fx, fy, fz), (tx, ty, tz)) for fx, fy, fz, tx, ty, tz in read]
 
 

@@ -115,6 +115,30 @@ def test_a_run_with_a_window_of_samples_is_the_one_in_a_process(definition: Defi
     assert not task.refused
 
 
+@pytest.fixture(scope="module")
+def filtered(definition: Definition) -> Definition:
+    noise = replace(definition.noise, force_n=0.1, torque_nm=0.01)
+    sensor = replace(definition.sensor, window=4, rate_hz=1000, filter_hz=31.25)
+    return replace(definition, noise=noise, sensor=sensor, limits=replace(definition.limits, hard_force_n=40.0))
+
+
+def test_a_run_behind_a_filter_is_the_one_in_a_process_whenever_the_simulator_is_killed(filtered: Definition) -> None:
+    task, others = run_task(filtered)
+    killed: list[int] = []
+
+    def kill(message: Message) -> bool:
+        if isinstance(message, Move) and message.step == 9 and message.episode not in killed:
+            killed.append(message.episode)
+            others.robot = SimulatedCell(filtered, message.run, SEED)
+        return False
+
+    others.deaf = kill
+    task.run_for(lambda service: work(service, filtered, SEED, EPISODES), 60.0)
+    assert killed == list(range(EPISODES))
+    assert task.published(EpisodeSummary) == list(InProcessRun(filtered, SEED).episodes(EPISODES))
+    assert not task.refused
+
+
 def test_what_is_lost_is_said_again(definition: Definition, expected: list[EpisodeSummary]) -> None:
     task, others = run_task(definition)
     lost: set[object] = set()

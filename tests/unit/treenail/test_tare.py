@@ -39,6 +39,21 @@ def test_a_simulated_tool_is_measured_and_its_definition_can_be_used(
     assert max(map(len, said.splitlines())) <= 100
 
 
+def test_a_filter_has_come_to_rest_in_each_pose(tmp_path: Path) -> None:
+    """One of 0.5 Hz would still be on its way for most of the 2000 samples."""
+    bare, out = tmp_path / "bare.toml", tmp_path / "mine.toml"
+    bare.write_text(
+        'name = "mine"\n[noise]\nforce_n = 0.5\ntorque_nm = 0.03\n[tool]\nmass_kg = 0.8\ncentre_z_mm = -40.0\n'
+        "[sensor]\nrate_hz = 1000\nfilter_hz = 0.5\n[limits]\nhard_force_n = 200.0\n"
+    )
+    parser = Parser(prog="treenail tare")
+    add_arguments(parser)
+    act(parser.parse_args([str(bare), "--simulated", "--out", str(out)]))
+    made = load(str(out)).calibration
+    assert made.weight_z_n == pytest.approx(0.8 * 9.80665, abs=0.1)
+    assert made.residual_n < 0.03
+
+
 def packets(*numbers: int, status: int = 0) -> list[FtPacket]:
     return [
         FtPacket(sequence=number, t_ns=number, period_ns=1, status=status, force_n=NONE, torque_nm=NONE)

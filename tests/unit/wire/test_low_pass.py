@@ -39,7 +39,7 @@ def test_without_a_filter_nothing_is_changed_to_the_last_bit() -> None:
 
 
 def filtered(sensor: Sensor, noise: np.ndarray) -> np.ndarray:
-    """Return the samples of a load of 0 with this noise, shape (samples,), once the filter is at rest."""
+    """Return the samples of a load of 0 that has stood for long, shape (samples - 1,)."""
     low_pass = LowPass(sensor)
     rows = [[error] + [0.0] * 5 for error in noise.tolist()]
     return np.array(low_pass.read((0.0,) * 6, rows, True))[:, 0]
@@ -51,6 +51,8 @@ def test_noise_is_as_much_less_and_as_alike_as_is_said() -> None:
     means = samples[: len(samples) // 64 * 64].reshape(-1, 64).mean(axis=1)
     assert means.std() == pytest.approx(quieter(JR3) / math.sqrt(worth(JR3, 64)), rel=0.05)
     assert 6.0 < worth(JR3, 64) < 8.0
+    firsts = [filtered(JR3, noise)[0] for noise in np.random.default_rng(6).standard_normal((4000, 2))]
+    assert np.std(firsts) == pytest.approx(quieter(JR3), rel=0.05), "an episode begins as noisy as it goes on"
     assert worth(JR3, 1) == pytest.approx(1.0)
 
 
