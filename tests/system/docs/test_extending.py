@@ -1,10 +1,14 @@
-"""The example of docs/extending.md is a package that installs, learns, and ends in the same bytes over Zenoh."""
+"""The examples of docs/extending.md: a package that installs and learns, and a learner that proposes moves.
+
+Both end in the same bytes over Zenoh as in one process.
+"""
 
 from __future__ import annotations
 
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +19,8 @@ ROOT = Path(__file__).resolve().parents[3]
 PAGE = (ROOT / "docs" / "extending.md").read_text()
 FILES = re.findall(r"^`([\w.]+)`\n\n```\w+\n(.*?)```", PAGE, re.DOTALL | re.MULTILINE)
 SETTINGS = [word for word in re.findall(r"--set \S+", PAGE.split("treenail up sim")[1].splitlines()[0])]
+PROPOSES = shlex.split(re.findall(r"is one:\n\n((?: {6}.*\n)+)", PAGE)[0].replace("\\\n", " "))
+"""The command that tries a learner of moves, word for word."""
 
 
 @pytest.fixture(scope="module")
@@ -69,3 +75,20 @@ def test_the_example_learns_and_is_one_truth(installed: Path, tmp_path: Path) ->
     }
     assert digests["alone"] == digests["cell"]
     assert digests["alone"]["q_table"] != digests["plain"]["q_table"]
+
+
+def test_the_command_for_a_learner_of_moves_is_one_truth(tmp_path: Path) -> None:
+    assert PROPOSES[:5] == ["treenail", "up", "sim", "--experiment", "suite-round"]
+    settings = PROPOSES[5:]
+    assert settings[::2] == ["--set"] * 4
+    nowhere = tmp_path / "nowhere"
+    run(tmp_path, nowhere, "experiment", "run", "suite-round", "--episodes", "4", "--out", "alone", *settings)
+    run(tmp_path, nowhere, *PROPOSES[1:], "--episodes", "4", "--out", "cell", "--port", "0", "--no-viewer")
+    alone, cell = (
+        json.loads(next((tmp_path / name).rglob("summary.json")).read_text())["runs"][0]["digests"]
+        for name in ("alone", "cell")
+    )
+    assert alone == cell
+    skill = next((tmp_path / "cell").rglob("seed0.skill"))
+    learnt = json.loads(run(tmp_path, nowhere, "checkpoint", "show", str(skill), "--json"))
+    assert learnt["version"] > 0, "it has learnt from the moves that it made"

@@ -95,6 +95,7 @@ class Scene:
             action=action.action,
             policy_version=action.policy_version,
             reward=reward.reward,
+            increment=action.increment,
         )
 
     def record(self) -> RunRecord:
