@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 import msgspec
 
 from experiments.evaluate.controllers import BASELINES, PUSH, RULE, RULES, TIP_RULE
-from services.rules import skill as skill_file
+from services.rules.shipped_skill import for_task, named_or_file
 from services.rules.skill import NamedSkill
 from services.wire.definition import Definition
 from services.wire.definition_file import with_overrides
@@ -42,7 +42,7 @@ TABLE = (
 )
 """The thesis's learner: ART2 on the torque as read, a table, softmax, rewards of the moves alone."""
 
-TREENAIL = "treenail"
+TREENAIL, ORACLE = "treenail", "oracle"
 METHODS = (
     Method(TREENAIL, "the learner that the task's definition comes with", "learn"),
     Method(
@@ -53,7 +53,7 @@ METHODS = (
     Method("spiral", "the rule with a search in a spiral where it is pressed on a flat face", "play"),
     Method("random", "any move, each as likely", "play"),
     Method(
-        "oracle", "the least force that a search finds which knows the pose, without noise, one start a seed", "oracle"
+        ORACLE, "the least force that a search finds which knows the pose, without noise, one start a seed", "oracle"
     ),
 )
 """To add a method, add its row."""
@@ -73,11 +73,6 @@ PROPOSES = (
 SPRING = ("wrist.stiffness_n_per_mm=7.0", "wrist.stiffness_nm_per_rad=53.0", "wrist.sensor_height_mm=0.0")
 """A device whose centre of compliance is at the tip: K_x = 7 N/mm and K_theta = 53 000 N mm/rad are those of Whitney's
 experiments (Quasi-static assembly of compliantly supported rigid parts, J. Dyn. Sys. Meas. Control 104, 1982)."""
-UNTAUGHT = (
-    Method("srv", "Gullapalli's SRV units, which propose moves by the reward alone; told nothing", "learn", PROPOSES),
-    Method(PUSH, "a remote centre compliance and steps of +Z, no controller; told nothing", "play", SPRING),
-)
-"""Controllers of the thesis's chapter 2 that nobody teaches: on a board only where they are named."""
 TABULAR = (
     'learner={kind="q_learning"}',
     'policy={kind="softmax", beta=1.0, beta_per_episode=0.05}',
@@ -91,6 +86,8 @@ SWITCH = (
 )
 ART1 = 'classifier={kind="plugin", name="art1", settings={rho=0.85, torque_gain_per_m=30.0}}'
 RIVALS = (
+    Method("srv", "Gullapalli's SRV units, which propose moves by the reward alone; told nothing", "learn", PROPOSES),
+    Method(PUSH, "a remote centre compliance and steps of +Z, no controller; told nothing", "play", SPRING),
     Method("asada", "Asada: a perceptron, taught by an operator who sees the task", "taught"),
     Method("howarth", "Howarth: a perceptron on four components and axes, taught by the rule `rule-tip`", "taught"),
     Method("artmap", "Lopez-Juarez: Fuzzy ARTMAP over a primitive knowledge base", "taught"),
@@ -107,7 +104,7 @@ RIVALS = (
         "art1", "the thesis's own idea for later (7.4.5): ART1 on coarse inputs, Q-learning", "learn", (ART1, *TABULAR)
     ),
 )
-"""The other controllers of the thesis's chapter 2: on a board only where they are named, and all on that of rivals."""
+"""The controllers of the thesis's chapter 2: on a board only where they are named, and all on that of rivals."""
 
 
 def methods(names: list[str] | None) -> tuple[Method, ...]:
@@ -115,7 +112,7 @@ def methods(names: list[str] | None) -> tuple[Method, ...]:
 
     Raises TreenailError.
     """
-    every = (*METHODS, *UNTAUGHT, *RIVALS)
+    every = (*METHODS, *RIVALS)
     by_name = {method.name: method for method in every}
     for name in names or ():
         if name not in by_name:
@@ -123,20 +120,25 @@ def methods(names: list[str] | None) -> tuple[Method, ...]:
     return METHODS if names is None else tuple(method for method in every if method.name in {*names, *RULES})
 
 
-def beginning_with(path: Path) -> Method:
-    """Return the method that learns on from a skill's file. Raises SkillError."""
-    skill = skill_file.read(path)
+def beginning_with(what: str) -> Method:
+    """Return the method that learns on from a skill, the shipped one by its name or a file's. Raises SkillError."""
+    skill, path = named_or_file(what), Path(what)
     learnt = f"{skill.skill.definition.name}, {skill.skill.episodes} episodes"
     about = f"the task's learner, beginning with {path.name}: {learnt}"
     return Method(f"with {path.stem}", about, "learn", skill=skill)
 
 
 def changed(definition: Definition, method: Method) -> Definition:
-    """Return a task's definition as a method has it. Raises DefinitionError, SkillError when its skill does not fit."""
-    made = variant(definition, method.overrides, f"{definition.name}, {method.name}", method.plain)
-    if method.skill is not None:
-        skill_file.fits(method.skill.skill, made)
-    return made
+    """Return a task's definition as a method has it. Raises DefinitionError."""
+    return variant(definition, method.overrides, f"{definition.name}, {method.name}", method.plain)
+
+
+def learnt_before(definition: Definition, method: Method) -> NamedSkill | None:
+    """Return the skill that a method begins a task with, which has it as ``changed``; None for nothing.
+
+    Raises SkillError when it does not fit.
+    """
+    return None if method.skill is None else for_task(method.skill, definition)
 
 
 def variant(definition: Definition, overrides: tuple[str, ...], what: str, plain: tuple[str, ...] = ()) -> Definition:

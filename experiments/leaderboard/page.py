@@ -7,8 +7,9 @@ from collections.abc import Mapping, Sequence
 from experiments.leaderboard.board import Board, Row
 from experiments.leaderboard.figures import FIRST, Figures, Spread
 from experiments.leaderboard.jobs import LEARNER
-from experiments.leaderboard.methods import TREENAIL
+from experiments.leaderboard.methods import TREENAIL, Method
 from experiments.leaderboard.plan import Length
+from experiments.leaderboard.told import told
 from experiments.reproduce.code import origin
 
 HEAD = (
@@ -27,7 +28,9 @@ of a run of three hundred (the last third of a shorter one), all seeds pooled, w
 square brackets, the worst seed's; of who does not learn, of all. Forces are means over all moves of an episode, free
 ones included; in brackets the least and the most of the seeds' means. *Moves* are of insertions that succeeded. The
 oracle knows the pose and plans without noise from the first start of each seed: what could be had, no more. A failure
-among the first {FIRST} is a scratched part."""
+among the first {FIRST} is a scratched part. What each method was told stands at the end."""
+TOLD_HEAD = """Beside what it feels. *Supervision*: who says which move is right, or how good one was. *Geometry*: what
+is told of shape and sensor. *Pose*: what is told of where peg and hole are."""
 
 
 def facts(length: Length, code: Sequence[str] = LEARNER) -> dict[str, str]:
@@ -48,7 +51,7 @@ def page(title: str, how: str, facts: Mapping[str, str], board: Board, pictures:
         parts += [f"## What was aimed at\n\n`{TREENAIL}` meets {met} of {len(verdicts)} targets.", _targets(verdicts)]
     parts += [f"![{name.removesuffix('.png').replace('-', ', ')}]({name})" for name in pictures]
     parts += ["## The tasks", *(_task(task, board) for task in board.tasks)]
-    parts += ["## The methods", "\n".join(f"- `{method.name}`: {method.about}" for method in board.methods)]
+    parts += ["## The methods, and what each was told", TOLD_HEAD, methods(board.methods)]
     return "\n\n".join(parts) + "\n"
 
 
@@ -56,6 +59,16 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Return a table in Markdown, its first column to the left."""
     lines = [head, ["---", *["---:"] * (len(head) - 1)], *rows]
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+
+
+def methods(some: Sequence[Method]) -> str:
+    """Return the table of methods, what each is and what it was told."""
+    head = ("method", "what it is", "supervision", "geometry", "pose")
+    rows = []
+    for method in some:
+        words = told(method)
+        rows.append((f"`{method.name}`", method.about, words.supervision, words.geometry, words.pose))
+    return table(head, rows).replace("---:", "---")
 
 
 def success(figures: Figures) -> str:

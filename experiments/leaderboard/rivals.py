@@ -15,11 +15,10 @@ from experiments.lab.progress import Reporter
 from experiments.leaderboard.board import as_json, board, write
 from experiments.leaderboard.folder import Folder
 from experiments.leaderboard.jobs import Job
-from experiments.leaderboard.methods import METHODS, RIVALS, TREENAIL, UNTAUGHT, Method, changed, variant
+from experiments.leaderboard.methods import METHODS, RIVALS, TREENAIL, Method, changed, variant
 from experiments.leaderboard.page import facts
 from experiments.leaderboard.plan import Entry, Length, entries
 from experiments.leaderboard.rivals_page import page
-from experiments.leaderboard.rivals_told import TOLD
 from experiments.leaderboard.runner import Results, Spread, run, there_is
 from experiments.leaderboard.transfer import OTHER_SEEDS
 from services.wire.definition import Definition
@@ -29,6 +28,8 @@ FILE = "rivals"
 TASKS = ("suite-round", "suite-square")
 SEEDS, QUICK_SEEDS = (100, 101, 102), (100,)
 EPISODES, QUICK_EPISODES = 300, 60
+BESIDE = (TREENAIL, "table", *RULES)
+"""Methods of the leaderboard that the rivals are held against."""
 ONE_START = {
     "round": (1.6, -2.2, 1.8, 0.4, 0.0),
     "other": (-0.6, 0.2, -1.8, 1.4, -0.9),
@@ -50,7 +51,7 @@ class Parts(NamedTuple):
 
 def methods(names: list[str] | None) -> tuple[Method, ...]:
     """Return the board's methods, or those of these names with the rules among them. Raises TreenailError."""
-    every = tuple(method for method in (*METHODS, *UNTAUGHT, *RIVALS) if method.name in TOLD)
+    every = tuple(method for method in (*METHODS, *RIVALS) if method in RIVALS or method.name in BESIDE)
     by_name = [method.name for method in every]
     for name in names or ():
         if name not in by_name:

@@ -8,7 +8,7 @@ from experiments.leaderboard.board import Board, Row
 from experiments.leaderboard.figures import FIRST, Figures
 from experiments.leaderboard.methods import TREENAIL
 from experiments.leaderboard.page import spread, success, table
-from experiments.leaderboard.rivals_told import TOLD
+from experiments.leaderboard.told import told
 
 ALIKE = 0.05
 """Forces closer than this part are told as alike."""
@@ -64,7 +64,7 @@ def page(facts: Mapping[str, str], random: Board, unseen: Board) -> str:
 
 
 def _told(random: Board) -> str:
-    rows = [(f"`{method.name}`", method.about, *TOLD[method.name]) for method in random.methods if method.name in TOLD]
+    rows = [(f"`{method.name}`", method.about, *told(method)) for method in random.methods]
     text = table(("method", "what it is", "supervision", "geometry", "pose", "otherwise than published"), rows)
     return text.replace("---:", "---")
 

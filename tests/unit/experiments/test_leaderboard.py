@@ -272,7 +272,7 @@ def test_a_skill_is_begun_with_and_one_that_does_not_fit_is_named(tmp_path: Path
     wanted = Wanted(
         tasks=["suite-round", "suite-square"], methods=[RULE], seeds=(100,), episodes=2, baseline_episodes=1
     )
-    plan_of = BOARDS["learning"](wanted._replace(skills=(tmp_path / "peg.skill",)))
+    plan_of = BOARDS["learning"](wanted._replace(skills=(str(tmp_path / "peg.skill"),)))
     page, failures = plan_of(Folder(tmp_path, lambda _: None), Here(), quiet())
     assert failures == 0
     rows = {(row["task"], row["method"]): row for row in json.loads((tmp_path / NUMBERS).read_text())["rows"]}
@@ -281,7 +281,13 @@ def test_a_skill_is_begun_with_and_one_that_does_not_fit_is_named(tmp_path: Path
     (learnt,) = (skill_file.read(path) for path in (tmp_path / "skills").iterdir())
     assert learnt.skill.episodes == 5
     assert learnt.skill.skill_sha256 == run.learnt().sha256
-    assert "beginning with peg.skill: suite-round, 3 episodes" in page.read_text()
+    text = page.read_text()
+    assert "beginning with peg.skill: suite-round, 3 episodes" in text
+    assert "| rewards only, before also on suite-round, 3 episodes |" in text, "what it was told stands on the page"
+    assert (
+        "| `rule` | a hand-written compliance rule: give way to force and torque, else step in +Z | written by hand"
+        in text
+    )
 
 
 def test_boards_that_begin_with_nothing_take_no_skill(capsys: pytest.CaptureFixture[str]) -> None:

@@ -1,15 +1,17 @@
-"""What each method of the rivals' board was told beside what it feels: by a teacher, of the shape, of the pose."""
+"""What each method of a board was told beside what it feels: by a teacher, of the shape, of the pose."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from experiments.evaluate.controllers import PUSH, RANDOM, RULE, SPIRAL, TIP_RULE
+from experiments.leaderboard.methods import ORACLE, TREENAIL, Method
 from experiments.rivals.networks import USUAL
 from experiments.rivals.teachers import ASTRAY
 
 NOTHING = "nothing"
-NO_TEACHER = "no teacher"
+BY_HAND = "written by hand"
 REWARD = "rewards only"
 SENSOR = "where the sensor sits"
 
@@ -26,11 +28,14 @@ class Told(NamedTuple):
 
 _SHOWN = f"{USUAL.insertions} insertions, pushed astray in {round(100 * ASTRAY)} % of the decisions"
 TOLD: Mapping[str, Told] = {
-    "treenail": Told(REWARD, SENSOR, NOTHING),
+    TREENAIL: Told(REWARD, SENSOR, NOTHING),
     "table": Told("rewards of the moves alone", NOTHING, NOTHING),
-    "rule": Told("written by hand", SENSOR, NOTHING),
-    "rule-tip": Told("written by hand", SENSOR, NOTHING),
-    "rcc": Told(
+    RULE: Told(BY_HAND, SENSOR, NOTHING),
+    TIP_RULE: Told(BY_HAND, SENSOR, NOTHING),
+    SPIRAL: Told(BY_HAND, SENSOR, NOTHING),
+    RANDOM: Told(NOTHING, NOTHING, NOTHING),
+    ORACLE: Told("none: it searches in a model of the task", "all of it", "the true pose"),
+    PUSH: Told(
         "none: it is a spring",
         "its centre is at the tip",
         NOTHING,
@@ -82,3 +87,22 @@ TOLD: Mapping[str, Told] = {
     "art1": Told(REWARD, SENSOR, NOTHING, "not published: the thesis proposes it"),
 }
 """By method. *Where the sensor sits* is the lever that the task's definition refers torques by."""
+
+
+def told(method: Method) -> Told:
+    """Return what a method was told; a learner that has no row of its own is Treenail's with other settings.
+
+    What it begins with was learnt on another task by rewards, too.
+    """
+    own = TOLD.get(method.name)
+    if own is not None:
+        return own
+    if method.kind not in ("learn", "frozen"):
+        raise KeyError(f"experiments/leaderboard/told.py: expected a row of {method.name}, got none")
+    usual = TOLD[TREENAIL]
+    if method.skill is None:
+        return usual
+    learnt = method.skill.skill
+    return usual._replace(
+        supervision=f"{usual.supervision}, before also on {learnt.definition.name}, {learnt.episodes} episodes"
+    )
