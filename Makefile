@@ -6,7 +6,7 @@ ARGS ?=
 # A worker for each core, but not for each of many.
 PYTEST := $(BIN)/pytest --numprocesses auto --maxprocesses 8 --durations 15
 
-.PHONY: help setup sim reproduce chaos test test-all check performance fuzz lock lock-check docs clean
+.PHONY: help setup sim reproduce chaos test test-all check performance fuzz skill lock lock-check docs clean
 
 help:  ## show this
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -50,6 +50,10 @@ fuzz: setup  ## a million hostile inputs for all that reads, then 20000 for a li
 
 performance: setup  ## measure all there is to measure, in under ten minutes, and add it to docs/performance.md
 	$(BIN)/treenail bench all --page docs
+
+skill: setup  ## learn the skill that comes with Treenail again, to the same bytes (why this task: docs/learning.md)
+	$(BIN)/treenail experiment run suite-square --episodes 300 --seed-list 7 --out build/skill --force
+	cp build/skill/seed7.skill services/rules/skills/builtin.skill
 
 docs: setup  ## write docs/contract.md, definition.md and state_machines.md again from the code
 	$(BIN)/python -m services.wire.contract > docs/contract.md

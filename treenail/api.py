@@ -12,6 +12,7 @@ from experiments.lab import run as runs_of
 from services.rules import plugins, results
 from services.rules import skill as skill_file
 from services.rules.results import Digests, RunResult, RunSummary, Summary, Wanted
+from services.rules.shipped_skill import for_task, named_or_file
 from services.rules.swaps import planned
 from services.wire import definition_file
 from services.wire.definition import Definition as Definition
@@ -167,7 +168,7 @@ def run(
     *,
     seeds: int | Iterable[int] = 1,
     episodes: int | None = None,
-    skill: Skill | None = None,
+    skill: Skill | str | Path | None = None,
     swaps: Sequence[str] = (),
     jobs: int | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -178,7 +179,8 @@ def run(
         definition: What to run: a definition, or what ``load`` takes.
         seeds: How many, from seed 0 on, or which.
         episodes: Length of each run; None for the definition's.
-        skill: What each run begins with; None for nothing.
+        skill: What each run begins with: a skill, a file with one, or ``"builtin"``, the one that comes with Treenail,
+            which is given the experiment's moves; None for nothing.
         swaps: Changes of learner or classifier on the way, as after ``--swap``.
         jobs: Seeds run at a time; None for one a core.
         progress: Called now and then with a seed and how many of its episodes are over.
@@ -197,9 +199,9 @@ def run(
         definition_file.check_run(seed, length)
     if jobs is not None and jobs < 1:
         raise TreenailError(f"jobs: expected 1 or more, got {jobs}")
-    begin_with = None if skill is None else skill._named
-    if begin_with is not None:
-        skill_file.fits(begin_with.skill, experiment)
+    begin_with = None
+    if skill is not None:
+        begin_with = for_task(skill._named if isinstance(skill, Skill) else named_or_file(skill), experiment)
     made = tuple(planned("", experiment, swaps, length))
     at_a_time, listener = jobs or pool.usable_cores(), _Progress(progress)
     try:
@@ -211,8 +213,11 @@ def run(
 
 
 def read_skill(path: str | Path) -> Skill:
-    """Return the skill in a file. Raises TreenailError when it cannot be read, is damaged, or of another contract."""
-    return Skill(skill_file.read(Path(path)))
+    """Return the skill in a file, or for ``"builtin"`` the one that comes with Treenail.
+
+    Raises TreenailError when it cannot be read, is damaged, or is of another contract.
+    """
+    return Skill(named_or_file(path))
 
 
 class _Progress:

@@ -28,7 +28,7 @@ class Wanted(NamedTuple):
     seeds: tuple[int, ...] | None = None
     episodes: int | None = None
     baseline_episodes: int | None = None
-    skills: tuple[Path, ...] = ()
+    skills: tuple[str, ...] = ()
     variants: tuple[tuple[str, ...], ...] = ()
     """Names, each with overrides behind it."""
 

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from experiments.evaluate.controllers import RANDOM, RULES
 from experiments.leaderboard.jobs import Job
-from experiments.leaderboard.methods import TREENAIL, Method, changed
+from experiments.leaderboard.methods import TREENAIL, Method, changed, learnt_before
 from experiments.leaderboard.suite import SLOW_MOVES, moves_expected
 from experiments.leaderboard.targets import Target, target_of
 from services.rules.skill import SkillError
@@ -52,11 +52,12 @@ def entries(tasks: Sequence[Definition], methods: Sequence[Method], length: Leng
 def _entry(task: Definition, method: Method, length: Length) -> Entry:
     try:
         definition = changed(task, method)
+        skill = learnt_before(definition, method)
     except (DefinitionError, SkillError) as error:
         return Entry(task.name, method, (), str(error))
     baseline = min(length.baseline_episodes, RANDOM_EPISODES) if method.name == RANDOM else length.baseline_episodes
     episodes = {"learn": length.episodes, "oracle": 1}.get(method.kind, baseline)
     few = method.name not in (TREENAIL, *RULES) and moves_expected(task) > SLOW_MOVES
     seeds = length.seeds[:SLOW_SEEDS] if few else length.seeds
-    jobs = tuple(Job(task.name, method.name, method.kind, definition, seed, episodes, method.skill) for seed in seeds)
+    jobs = tuple(Job(task.name, method.name, method.kind, definition, seed, episodes, skill) for seed in seeds)
     return Entry(task.name, method, jobs, target=target_of(task.name) if method.kind == "learn" else None)

@@ -13,7 +13,7 @@ from services.bus.access import ROUTER
 from services.bus.tls import identity
 from services.cell.ros2 import OUT, Graph
 from services.rules import plugins
-from services.rules import skill as skill_file
+from services.rules.shipped_skill import for_task, named_or_file
 from services.rules.skill import NamedSkill
 from services.rules.swaps import digest
 from services.rules.swaps import planned as planned_swaps
@@ -136,7 +136,7 @@ def make_plan(
     seed: int = 0,
     episodes: int | None = None,
     swaps: Sequence[str] = (),
-    skill: Path | None = None,
+    skill: str | Path | None = None,
     cell: str = "a",
     out: Path | None = None,
     port: int = 0,
@@ -148,9 +148,9 @@ def make_plan(
 ) -> Plan:
     """Return a plan, checked. Raises TreenailError, which names the option of ``treenail up``.
 
-    ``experiment`` is a name or a file, ``episodes`` the definition's by default, ``skill`` a file, ``port`` the
-    router's on 127.0.0.1 and 0 a free one, ``out`` by default a folder in ``runs`` that is named by all that makes the
-    run what it is.
+    ``experiment`` is a name or a file, ``episodes`` the definition's by default, ``skill`` a file or
+    ``builtin``, ``port`` the router's on 127.0.0.1 and 0 a free one, ``out`` by default a folder in ``runs`` that is
+    named by all that makes the run what it is.
     """
     sets = tuple(overrides)
     definition = load(experiment, sets)
@@ -172,9 +172,7 @@ def make_plan(
         watching = (*(() if viewer is None else ("viewer",)), *(() if ros2 is None else (OUT,)))
         for name in (ROUTER, *WORKERS_AND_TASK, *arm, *watching, OPERATOR):
             identity(certs / name, name)
-    named_skill = None if skill is None else skill_file.read(skill)
-    if named_skill is not None:
-        skill_file.fits(named_skill.skill, definition)
+    named_skill = None if skill is None else for_task(named_or_file(skill), definition)
     run = run_id(definition, seed, None if named_skill is None else named_skill.sha256)
     all_swaps = planned_swaps(run, definition, swaps, length)
     from_skill = "" if named_skill is None else f"-k{named_skill.sha256[:8]}"

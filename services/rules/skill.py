@@ -16,6 +16,8 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from services.rules.skill_memory import check_agent, check_classifier, check_felt, number
 from services.rules.swaps import in_force, kind_of
 from services.wire import codec
@@ -156,6 +158,30 @@ def file_bytes(skill: NamedSkill) -> bytes:
 
 def parse(content: bytes) -> NamedSkill:
     """Return the skill in the content of a file. Raises SkillError or ContractError."""
+    contract, payload = _unpacked(content)
+    _check_contract(contract)
+    return _sound(payload, codec.decode_payload(Skill, payload))
+
+
+def parse_own(content: bytes) -> NamedSkill:
+    """Return the skill in the content of a file that comes with this very code, under today's contract.
+
+    Whoever changes a message does not change what was learnt: what the definition does not say has its default, so
+    that only the names have to be written anew. Raises SkillError or ContractError, also where a type no longer fits.
+    """
+    _, payload = _unpacked(content)
+    skill = codec.decode_payload(Skill, payload)
+    today = replace(
+        skill,
+        contract_sha256=contract_sha256(),
+        definition_sha256=definition_sha256(skill.definition),
+        run=run_id(skill.definition, skill.seed, skill.skill_sha256),
+    )
+    return _sound(codec.encode(today), today)
+
+
+def _unpacked(content: bytes) -> tuple[str, bytes]:
+    """Return the contract that a file names, and its payload, undamaged. Raises SkillError."""
     header = _HEADER.match(content)
     if header is None:
         raise SkillError(f"expected a skill's file, which begins with 'treenail skill', got {content[:16]!r}")
@@ -166,8 +192,7 @@ def parse(content: bytes) -> NamedSkill:
         raise SkillError(f"expected {size} bytes after the header, got {len(payload)}")
     if hashlib.sha256(payload).hexdigest().encode() != header["sha256"]:
         raise SkillError(f"damaged: expected sha256 {header['sha256'][:12].decode()}, got another")
-    _check_contract(header["contract"].decode())
-    return _sound(payload, codec.decode_payload(Skill, payload))
+    return header["contract"].decode(), payload
 
 
 def _sound(payload: bytes, skill: Skill) -> NamedSkill:

@@ -20,6 +20,7 @@ from services.cell.stored import OtherContractError, Stored, StoredRun
 from services.cell.terminal import console
 from services.rules import skill as skill_file
 from services.rules.command_line import number, whole
+from services.rules.shipped_skill import BUILTIN, for_task, named_or_file
 from services.rules.skill import NamedSkill
 from services.rules.skill_moves import carried
 from services.rules.swaps import in_force, kind_of, words
@@ -47,7 +48,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add.set_defaults(command=_list)
     _add_place(add)
     add = commands.add_parser("show", help="what was learnt: in a run, in a file, or a skill in the store")
-    add.add_argument("what", nargs="?", metavar="RUN|FILE|SHA256", help="default: the run that the cell works on")
+    add.add_argument(
+        "what",
+        nargs="?",
+        metavar="RUN|FILE|SHA256",
+        help=f"{BUILTIN} is the skill that comes with Treenail (default: the run that the cell works on)",
+    )
     add.add_argument("--json", action="store_true", help="as JSON")
     add.set_defaults(command=_show)
     _add_place(add)
@@ -62,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_place(add)
     add = commands.add_parser("import", help="let a cell begin a run with a skill; a running one does so at once")
     which = add.add_mutually_exclusive_group(required=True)
-    which.add_argument("file", type=Path, nargs="?", metavar="FILE")
+    which.add_argument("file", nargs="?", metavar="FILE", help=f"or {BUILTIN}, the skill that comes with Treenail")
     which.add_argument("--none", action="store_true", help="begin with nothing learnt")
     add.add_argument(
         "--timeout",
@@ -75,7 +81,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add.set_defaults(command=_import)
     client.add_arguments(add)
     add = commands.add_parser("map", help="make of a skill one for a task with other moves: those of one name are kept")
-    add.add_argument("file", type=Path, metavar="FILE")
+    add.add_argument("file", metavar="FILE", help=f"or {BUILTIN}, the skill that comes with Treenail")
     add.add_argument("out", type=Path, metavar="OUT")
     add.add_argument("--experiment", required=True, metavar="NAME_OR_FILE", help="the task whose moves it is to have")
     add.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="change a setting of that task")
@@ -122,18 +128,18 @@ def _export(arguments: argparse.Namespace) -> None:
 def _map(arguments: argparse.Namespace) -> None:
     """Write a skill with the moves of another task, which it then fits in all else too."""
     task = load(arguments.experiment, arguments.set)
-    made = carried(skill_file.read(arguments.file), task)
+    made = carried(named_or_file(arguments.file), task)
     skill_file.fits(made.skill.skill, task)
     skill_file.write(arguments.out, made.skill, force=arguments.force)
     print(f"{arguments.out}: skill {made.skill.sha256[:12]} with the moves of {task.name}: {made.text}")
 
 
 def _import(arguments: argparse.Namespace) -> None:
-    skill = None if arguments.none else skill_file.read(arguments.file)
+    skill = None if arguments.none else named_or_file(arguments.file)
     with client.client_of(arguments) as cell:
         before = skill_transfer.running(cell)
         if skill is not None and before is not None:
-            skill_file.fits(skill.skill, before.definition)
+            skill = for_task(skill, before.definition)
         given_up = _agreed(before, skill, arguments)
         if skill is None:
             skill_transfer.forget(cell)
@@ -207,8 +213,8 @@ def _show(arguments: argparse.Namespace) -> None:
 def _wanted(arguments: argparse.Namespace) -> NamedSkill:
     """Return what ``show`` is asked for: a file needs no cell."""
     what = arguments.what
-    if what is not None and (Path(what).exists() or not _IN_STORE.fullmatch(what)):
-        return skill_file.read(Path(what))
+    if what is not None and (what == BUILTIN or Path(what).exists() or not _IN_STORE.fullmatch(what)):
+        return named_or_file(what)
     with _store(arguments) as store:
         known = [] if what is None else [run.name for run in stored.runs(store)]
         if what is None or what in known:

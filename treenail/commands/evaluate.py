@@ -16,23 +16,26 @@ from experiments.evaluate.run import Method, evaluate
 from experiments.lab.pool import usable_cores
 from experiments.lab.progress import reporter
 from services.cell.terminal import console
-from services.rules import skill as skill_file
 from services.rules.command_line import number, whole
+from services.rules.shipped_skill import BUILTIN, for_task, named_or_file
 from services.wire.definition import Definition
 from services.wire.definition_file import load, with_overrides
 from services.wire.errors import TreenailError
 
 FIRST_SEED = 1000
 """Seeds of an evaluation begin here, where nobody learns by default."""
-ABOUT = f"""Nothing is learnt and nothing tried: the best known move is made. METHOD is a skill's file or one of
-{", ".join(BASELINES)}; the rule is always among them, on the same starts and with the same noise. In brackets is the
-95 percent interval of the success rate (Wilson). Forces are means over all moves of an episode."""
+ABOUT = f"""Nothing is learnt and nothing tried: the best known move is made. METHOD is a skill's file, {BUILTIN} for
+the skill that comes with Treenail, or one of {", ".join(BASELINES)}; the rule is always
+among them, on the same starts and with the same noise. In brackets is the 95 percent interval of the success rate
+(Wilson). Forces are means over all moves of an episode."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the command's options."""
     parser.epilog = ABOUT
-    parser.add_argument("method", nargs="+", metavar="METHOD", help=f"a skill's file, or {', '.join(BASELINES)}")
+    parser.add_argument(
+        "method", nargs="+", metavar="METHOD", help=f"a skill's file, {BUILTIN}, {', '.join(BASELINES)}"
+    )
     parser.add_argument(
         "--experiment", metavar="NAME_OR_FILE", help="the task (default: the one that the first skill was learnt in)"
     )
@@ -56,8 +59,11 @@ def act(arguments: argparse.Namespace) -> None:
     """Evaluate, and print a row a method."""
     methods = [_method(name) for name in dict.fromkeys((*arguments.method, *RULES))]
     definition = _task(arguments, methods)
-    for method in methods:
-        method.controller(definition, FIRST_SEED)  # a skill that does not fit is refused before anything runs
+    # A skill that does not fit is refused before anything runs.
+    methods = [
+        method if method.skill is None else method._replace(skill=for_task(method.skill, definition))
+        for method in methods
+    ]
     seeds = range(FIRST_SEED, FIRST_SEED + arguments.seeds)
     total = len(methods) * len(seeds) * arguments.episodes
     done = [0] * (len(methods) * len(seeds))
@@ -102,7 +108,7 @@ def table(title: str, figures: dict[str, Figures]) -> Table:
 
 
 def _method(name: str) -> Method:
-    return Method(name) if name in BASELINES else Method(name, skill_file.read(Path(name)))
+    return Method(name) if name in BASELINES else Method(name, named_or_file(name))
 
 
 def _task(arguments: argparse.Namespace, methods: list[Method]) -> Definition:

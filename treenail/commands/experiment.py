@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from services.rules import command_line, plugins, swaps
-from services.rules import skill as skill_file
 from services.rules.command_line import Parser, whole
+from services.rules.shipped_skill import BUILTIN, for_task, named_or_file
 from services.wire import definition_file, definition_page
 from services.wire.errors import TreenailError
 from services.wire.randomness import MAX_SEED
@@ -52,8 +52,7 @@ def _run(arguments: argparse.Namespace) -> int:
     sha256 = definition_file.definition_sha256(definition)
     skill, from_skill = None, ""
     if arguments.skill is not None:
-        skill = skill_file.read(arguments.skill)
-        skill_file.fits(skill.skill, definition)
+        skill = for_task(named_or_file(arguments.skill), definition)
         from_skill = f"-k{skill.sha256[:8]}"
     episodes = arguments.episodes or definition.episodes
     planned = swaps.planned("", definition, arguments.swap, episodes)
@@ -190,9 +189,8 @@ def _add_run(run: argparse.ArgumentParser) -> None:
     which.add_argument("--seed-list", type=_seed_list, metavar="A,B,...", help="run these seeds")
     run.add_argument(
         "--skill",
-        type=Path,
         metavar="FILE",
-        help="begin with a skill, of another run or exported",
+        help=f"begin with a skill, of another run or exported, or with {BUILTIN}, the one that comes with Treenail",
     )
     run.add_argument("--swap", action="append", default=[], metavar=swaps.SPEC, help=swaps.SPEC_HELP)
     run.add_argument("--out", type=Path, metavar="DIR", help=f"where results go (default: {_OUT})")

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from services.rules import command_line
 from services.rules.command_line import Parser, whole
+from services.rules.shipped_skill import BUILTIN
 from services.wire.errors import TreenailError
 from services.wire.randomness import MAX_SEED
 
@@ -88,7 +89,11 @@ def _parser() -> Parser:
     parser.add_argument("--tasks", nargs="+", metavar="NAME", help="only these, such as suite-round or 'suite-*'")
     parser.add_argument("--methods", nargs="+", metavar="NAME", help="only these, and the rule")
     parser.add_argument(
-        "--skill", type=Path, nargs="+", default=[], metavar="FILE", help="and the learner that begins with this skill"
+        "--skill",
+        nargs="+",
+        default=[],
+        metavar="FILE",
+        help=f"and the learner that begins with this skill; {BUILTIN} is the one that comes with Treenail",
     )
     parser.add_argument(
         "--variant",

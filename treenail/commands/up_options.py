@@ -10,6 +10,7 @@ from services.cell.ros2 import Graph, RosArm
 from services.ros2.distributions import DISTRIBUTIONS, MOST_DOMAIN
 from services.ros2.distributions import USUAL as ROS_USUAL
 from services.rules.command_line import whole
+from services.rules.shipped_skill import BUILTIN
 from services.rules.swaps import SPEC, SPEC_HELP
 from services.wire.errors import CellError
 from services.wire.message_base import LONGEST_RUN
@@ -39,7 +40,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of it")
     parser.add_argument("--episodes", type=whole(1, LONGEST_RUN), help="length of the run (default: the definition's)")
     parser.add_argument("--seed", type=whole(0, MAX_SEED), default=0, help="seed of the run, from 0 (default: 0)")
-    parser.add_argument("--skill", type=Path, metavar="FILE", help="begin with what `treenail checkpoint export` wrote")
+    parser.add_argument(
+        "--skill",
+        metavar="FILE",
+        help=f"begin with what `treenail checkpoint export` wrote; {BUILTIN} is the skill that comes with Treenail",
+    )
     parser.add_argument("--swap", action="append", default=[], metavar=SPEC, help=SPEC_HELP)
     parser.add_argument(
         "--out", type=Path, help="run directory (default: runs/<experiment>-<hash>-s<seed>[-k<skill>][-w<swaps>])"
