@@ -51,6 +51,11 @@ class Folder:
         """Return what was learnt in a run. Raises SkillError."""
         return skill_file.read(self._skill_path(outcome))
 
+    @property
+    def empty(self) -> bool:
+        """Return whether no run is there."""
+        return next((self.path / RUNS).rglob("*.json"), None) is None
+
     def prepare(self) -> None:
         """See that results can be kept. Raises TreenailError."""
         probe = self.path / RUNS / ".probe"

@@ -93,9 +93,9 @@ def find(name_or_path: str) -> Path:
         if path.is_file():
             return path
     close = difflib.get_close_matches(name_or_path, file_of, n=1)
-    hint = f"; did you mean {close[0]!r}?" if close else ""
-    got = f"{one_line(name_or_path)!r}, which is neither{hint}"
-    raise DefinitionError(f"experiment: expected one of {', '.join(file_of)} or a TOML file, got {got}")
+    hint = f"did you mean {close[0]!r}?" if close else "`treenail experiment list` shows the names"
+    got = f"{one_line(name_or_path)!r}, which is neither; {hint}"
+    raise DefinitionError(f"experiment: expected a shipped experiment's name or a TOML file, got {got}")
 
 
 def load(name_or_path: str, overrides: Iterable[str] = ()) -> Definition:

@@ -63,7 +63,12 @@ def _act(arguments: argparse.Namespace) -> None:
     with reporter() as report:
         folder, plan = Folder(arguments.out, report.say), make(wanted)
         spread = None if arguments.page_only else _spread(arguments, report)
-        folder.prepare()
+        if spread is not None:
+            folder.prepare()
+        elif folder.empty:
+            raise TreenailError(
+                f"--page-only: expected a folder with runs of `{PROGRAM}`, got {arguments.out}: none there"
+            )
         page, failures = plan(folder, spread, report)
     print(
         f"leaderboard in {page}" + (f"; {failures} runs failed, which a second start tries again" if failures else "")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 from rich.console import RenderableType
 from rich.live import Live
@@ -11,8 +11,21 @@ from rich.table import Table
 
 from services.cell.terminal import Unread, console
 from services.rules.progress import LINE_EVERY_S, Progress
+from services.wire.messages import Alive
 
-STARTING = "starting"
+STARTING, WAITING = "starting", "waiting"
+
+
+def because(phase: str, services: Iterable[Alive]) -> str:
+    """Return what the task does and, while it waits, what the others say that holds them up.
+
+    A robot that has not found its own other side yet cannot answer; only it knows why.
+    """
+    if not phase.startswith(WAITING):
+        return phase
+    usual = ("running", "making ", f"{WAITING} for task")
+    held = [one for one in services if one.service != "task" and not one.phase.startswith(usual)]
+    return "; ".join((phase, *(f"{one.service}: {one.phase}" for one in sorted(held, key=lambda one: one.service))))
 
 
 class Reporter:
@@ -61,7 +74,7 @@ class Reporter:
             return
         if self._progress.done != self._shown:
             self.say(self._progress.line())
-        elif phase.startswith(("waiting", "stopped")):
+        elif phase.startswith((WAITING, "stopped")):
             self.say(f"episode {self._progress.done}/{self._progress.episodes}  {phase}")
         else:
             return

@@ -28,9 +28,9 @@ from services.rules.progress import Progress
 from services.rules.swaps import words
 from services.wire.definition_file import definition_sha256, shipped
 from services.wire.errors import ContractError, NoAnswerError, RefusedError, TreenailError
-from services.wire.keys import EPISODE, EXPERIMENT, OPERATOR
-from services.wire.messages import EpisodeSummary, Experiment
-from treenail.commands.progress import STARTING, Reporter
+from services.wire.keys import ALIVE, EPISODE, EXPERIMENT, OPERATOR, wild
+from services.wire.messages import Alive, EpisodeSummary, Experiment
+from treenail.commands.progress import STARTING, WAITING, Reporter, because
 from treenail.commands.up_options import USUAL, add_arguments, plan_of
 
 __all__ = ["act", "add_arguments"]
@@ -100,11 +100,18 @@ class Watched:
         self._progress = progress
         self._first: int | None = None
         """Number of the first episode that was seen to finish."""
+        self._others: list[Alive] = []
+        """What the services say of themselves while the task waits."""
 
     @property
     def phase(self) -> str:
         """Return what the task does."""
         return STARTING if self.experiment is None else self.experiment.phase
+
+    @property
+    def phase_in_full(self) -> str:
+        """Return what the task does, and of what it waits for why."""
+        return because(self.phase, self._others)
 
     @property
     def ended(self) -> EndedRun:
@@ -126,7 +133,9 @@ class Watched:
                 next_poll = time.monotonic() + POLL_S
                 if (experiment := _experiment(client)) is not None:
                     self._note(experiment)
-            self._reporter.show(self._cell.supervisor.alive(), self.phase)
+                    waits = self.phase.startswith(WAITING)
+                    self._others = client.ask_all(wild(ALIVE), Alive) if waits else []
+            self._reporter.show(self._cell.supervisor.alive(), self.phase_in_full)
         self._drain(arrived)
         self._reporter.show(self._cell.supervisor.alive(), self.phase, now=True)
 

@@ -265,6 +265,13 @@ def test_an_unknown_task_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert not (tmp_path / "x").exists()
 
 
+def test_a_page_of_nothing_is_not_written(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert command.main(["--page-only", "--out", str(tmp_path / "x")]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("treenail leaderboard: --page-only: expected a folder with runs")
+    assert not (tmp_path / "x").exists()
+
+
 def test_a_skill_is_begun_with_and_one_that_does_not_fit_is_named(tmp_path: Path) -> None:
     run = InProcessRun(ROUND, 3)
     list(run.episodes(3))

@@ -98,6 +98,7 @@ def test_an_unknown_name_is_refused_with_a_hint() -> None:
     assert "got 'chamfered-q-softmx'" in message
     assert "did you mean 'chamfered-q-softmax'?" in message
     assert "did you mean" not in refusal("zzz")
+    assert "`treenail experiment list`" in refusal("zzz") and len(refusal("zzz")) < 160, "the names themselves are many"
 
 
 def test_a_folder_is_no_definition(tmp_path: Path) -> None:
