@@ -46,12 +46,15 @@ def _act(arguments: argparse.Namespace, words: Sequence[str]) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
+    from experiments.reproduce.sections import SECTIONS
+
     parser, count = Parser(prog=PROGRAM, description=__doc__), whole(1, MAX_SEEDS)
     parser.add_argument("--quick", action="store_true", help="five minutes: few seeds, short runs, rough numbers")
     parser.add_argument(
         "--out", type=Path, default=Path("report"), metavar="DIR", help="where to write (default: report)"
     )
-    parser.add_argument("--only", nargs="+", metavar="SECTION", help="only these sections (default: all)")
+    names = ", ".join(section.name for section in SECTIONS)
+    parser.add_argument("--only", nargs="+", metavar="SECTION", help=f"only these of {names} (default: all)")
     parser.add_argument(
         "--seeds",
         type=count,
@@ -63,9 +66,11 @@ def _parser() -> argparse.ArgumentParser:
         "--episodes",
         type=whole(1, LONGEST_RUN),
         metavar="N",
-        help="length of the runs of plan and limits (default: 400 and 600)",
+        help="length of the runs of plan, limits and claims (default: 400, 600 and 150)",
     )
-    parser.add_argument("--kept", action="store_true", help="plan and limits: no new runs, only what is kept in --out")
+    parser.add_argument(
+        "--kept", action="store_true", help="plan, limits and claims: no new runs, only what is kept in --out"
+    )
     parser.add_argument("--pages", type=Path, metavar="DIR", help="write each section as a Markdown page there, too")
     parser.add_argument("--data", type=Path, metavar="DIR", help="folder with data sets for the sections that need one")
     return parser

@@ -40,9 +40,9 @@ class Wanted:
     jobs: int | None
     """Processes at a time; None for one per core."""
     episodes: int | None = None
-    """Length of the runs of the sections plan and limits; None for theirs."""
+    """Length of the runs of the sections plan, limits and claims; None for theirs."""
     kept: bool = False
-    """Whether these two sections show what is kept and make no run."""
+    """Whether these sections show what is kept and make no run."""
     pages: Path | None = None
     """Where each section is written as a page of Markdown, too."""
     words: Sequence[str] = ()
