@@ -20,25 +20,34 @@ TASKS = (CHAMFERLESS, "chamferless-q-egreedy", SQUARE)
 
 
 class Condition(NamedTuple):
-    """A task, the force of a collision, and whether too many moves without progress end an episode with -50."""
+    """A task, and what is changed of it."""
 
     task: str
     collision_n: float
     rule: bool = True
+    """Whether too many moves without progress end an episode with -50."""
+    errors: bool = True
+    """Whether sensor and arm have the errors that the thesis measured."""
+
+    @property
+    def is_usual(self) -> bool:
+        """Return whether no more than the force of a collision is changed."""
+        return self.rule and self.errors
 
 
 CONDITIONS = (
     *(Condition(task, collision_n) for task, collision_n in product(TASKS, COLLISIONS_N)),
     *(Condition(CHAMFERLESS, collision_n, rule=False) for collision_n in COLLISIONS_N),
+    *(Condition(SQUARE, collision_n, errors=False) for collision_n in COLLISIONS_N),
 )
 
 
 def definition(condition: Condition) -> Definition:
     """Return the task of a condition."""
     task = at_limit(load(condition.task), condition.collision_n)
-    if condition.rule:
-        return task
-    return replace(task, limits=replace(task.limits, no_progress_moves=0))
+    if not condition.rule:
+        task = replace(task, limits=replace(task.limits, no_progress_moves=0))
+    return task if condition.errors else replace(task, noise=replace(task.noise, scale=0.0))
 
 
 def runs(seeds: Sequence[int], episodes: int) -> list[Wanted]:

@@ -39,8 +39,8 @@ def test_every_condition_of_the_plan_is_a_task_that_can_be() -> None:
     assert [contradiction(definition) for definition in definitions] == [None] * 32
     assert len({definition_sha256(definition) for definition in definitions}) == 32
     tasks = [limits_runs.definition(condition) for condition in limits_runs.CONDITIONS]
-    assert [contradiction(task) for task in tasks] == [None] * 8
-    assert len({definition_sha256(task) for task in tasks}) == 8
+    assert [contradiction(task) for task in tasks] == [None] * 10
+    assert len({definition_sha256(task) for task in tasks}) == 10
 
 
 def test_all_else_is_the_same_throughout_the_plan() -> None:
@@ -55,6 +55,12 @@ def test_all_else_is_the_same_throughout_the_plan() -> None:
 def test_at_its_own_limit_a_task_is_the_shipped_one() -> None:
     for task in limits_runs.TASKS:
         assert definition_sha256(plan_runs.at_limit(load(task), 10.0)) == definition_sha256(load(task))
+
+
+def test_without_errors_a_task_is_the_shipped_one_with_the_noise_off() -> None:
+    condition = limits_runs.Condition(limits_runs.SQUARE, 10.0, errors=False)
+    without = load(limits_runs.SQUARE, ("noise.scale=0",))
+    assert definition_sha256(limits_runs.definition(condition)) == definition_sha256(without)
 
 
 def test_a_variant_of_a_shipped_task_is_that_task_s_run() -> None:
@@ -121,8 +127,9 @@ def test_the_limits_of_made_up_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     tables = [block for block in chapter.blocks if isinstance(block, Table)]
     assert [row[:2] for row in tables[0].rows][-1] == ("square-q-softmax", "20 N")
     assert tables[-1].rows[0] == ("10 N", "1", "2", "1", "1", "none", "60 % of their last 100 decisions")
+    assert [row[0] for row in tables[-1].rows[2:]] == [f"{n} N, no errors of sensor and arm" for n in (10, 20)]
     last = [block for block in chapter.blocks if isinstance(block, Comparisons)][-1]
-    assert [row.outcome for row in last.rows] == [Verdict.MATCHES] * 2
+    assert [row.outcome for row in last.rows] == [Verdict.MATCHES] * 4
     (negative,) = (block for block in chapter.blocks if isinstance(block, Comparisons) and "negative" in block.caption)
     assert {row.outcome for row in negative.rows} == {Verdict.DIFFERS}, "some went in"
 
