@@ -9,7 +9,6 @@ import gymnasium
 
 from experiments.leaderboard.jobs import Outcome
 from experiments.reproduce.insertion_runs import LETTERS
-from services.wire.errors import TreenailError
 
 REFUSED = "r"
 """Letter of an episode whose next motion the guard beside the robot refused."""
@@ -61,14 +60,13 @@ class Numbered(gymnasium.Wrapper[Any, Any, Any, Any]):
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Begin the next episode, or the one that ``options`` name; another ``seed`` than the run's is not heard.
 
-        Raises TreenailError when there was nothing to decide in the next one: everybody else's curves have a point
-        there.
+        An episode that ends at its first touch leaves nothing to decide and nothing to learn, and is noted all the
+        same: everybody else's curves have a point there.
         """
         felt, info = self.env.reset(seed=self._seed, options=options)
         self._seed, self._return = None, 0.0
-        if info["passed_over"]:
-            number = info["episode_number"] - 1
-            raise TreenailError(f"episode {number}: expected something to decide, got its end at the first touch")
+        for passed in info["passed"]:
+            self._note(passed)
         return felt, info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -77,10 +75,13 @@ class Numbered(gymnasium.Wrapper[Any, Any, Any, Any]):
         self._return += float(reward)
         self.steps += 1
         if terminated or truncated:
-            self._letters += LETTERS.get(info["outcome"], REFUSED)
-            self._returns.append(self._return)
-            self._force_n.append(info["mean_force_n"])
-            self._peak_n.append(info["peak_force_n"])
-            self._moves.append(info["moves"])
-            self._heard(self.over)
+            self._note(info)
         return felt, float(reward), terminated, truncated, info
+
+    def _note(self, info: dict[str, Any]) -> None:
+        self._letters += LETTERS.get(info["outcome"], REFUSED)
+        self._returns.append(self._return)
+        self._force_n.append(info["mean_force_n"])
+        self._peak_n.append(info["peak_force_n"])
+        self._moves.append(info["moves"])
+        self._heard(self.over)

@@ -33,8 +33,8 @@ def work(order: Order, tell: Tell) -> Learnt:
     outcome, decisions = numbered.outcome(job.episodes, time.process_time() - began_s), numbered.steps
     numbered.clear()
     began_s = time.process_time()
-    for episode in range(job.episodes, job.episodes + FROZEN):
-        _show(model, numbered, episode)
+    while numbered.over < FROZEN:
+        _show(model, numbered, job.episodes + numbered.over)
     env.close()
     return Learnt(outcome, numbered.outcome(FROZEN, time.process_time() - began_s), decisions)
 

@@ -41,6 +41,8 @@ REFUSED = "refused"
 """Outcome of an episode whose next motion the guard beside the robot refused; nothing moved then."""
 SKIPPED_AT_MOST = 100
 """Episodes in a row that end before there is anything to decide."""
+OF_EPISODE = ("episode_number", "outcome", "moves", "mean_force_n", "peak_force_n")
+"""What ``info`` says of an episode that was passed over."""
 PER_SECOND = 50
 """Motions in a second of the simulator's clock."""
 
@@ -94,13 +96,15 @@ class PegInHole(gymnasium.Env[Array, Any]):
         With a ``seed`` a run of that seed begins with its episode 0: start poses and errors of arm and sensor are those
         of ``treenail experiment run`` with it. Without one the run goes on with its next episode;
         ``options={"episode": n}`` takes any. Episodes that end at the first touch, without a decision, are passed over
-        and counted in ``info["passed_over"]``. Raises TreenailError when it is none but such.
+        and counted in ``info["passed_over"]``; ``info["passed"]`` says how each went. Raises TreenailError when
+        it is none but such.
         """
         super().reset(seed=seed)
         if seed is not None or self._seed is None:
             self._begin_run(int(self.np_random.integers(2**31)) if seed is None else seed)
         self._episode = _episode(options, self._episode + 1)
-        for passed_over in range(SKIPPED_AT_MOST):
+        passed = list[dict[str, Any]]()
+        while len(passed) < SKIPPED_AT_MOST:
             self._decisions = 0
             self._forces_n.clear()
             self._feeling.begin()
@@ -108,11 +112,16 @@ class PegInHole(gymnasium.Env[Array, Any]):
             if isinstance(reached.then, Observation):
                 self._asked = reached.then
                 self._show()
-                return self._observe(reached.packet), {**self._info(reached), "passed_over": passed_over}
-            self._episode, outcome = self._episode + 1, reached.then.outcome
+                return self._observe(reached.packet), {
+                    **self._info(reached),
+                    "passed_over": len(passed),
+                    "passed": passed,
+                }
+            passed.append({key: value for key, value in self._info(reached).items() if key in OF_EPISODE})
+            self._episode += 1
         raise TreenailError(
             f"{NAME}: {self.definition.name}: expected something to decide in one of {SKIPPED_AT_MOST} episodes, "
-            f"got the end of each at its first touch: {outcome}"
+            f"got the end of each at its first touch: {passed[-1]['outcome']}"
         )
 
     def step(self, action: Any) -> tuple[Array, float, bool, bool, dict[str, Any]]:

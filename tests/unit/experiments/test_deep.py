@@ -7,14 +7,12 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
 
 import msgspec
 import pytest
 
 pytest.importorskip("gymnasium", reason="the extra gym is not installed")
 
-import gymnasium
 
 from experiments.deep import folding, jobs, libraries, methods, page, plan, runner, study
 from experiments.deep.episodes import Numbered
@@ -28,7 +26,6 @@ from experiments.leaderboard.figures import figures
 from experiments.leaderboard.jobs import Outcome
 from experiments.reproduce.cache import Cache
 from services.wire.definition import Definition
-from services.wire.errors import TreenailError
 from treenail import load
 from treenail.commands import deep as command
 from treenail.registration import peg_in_hole
@@ -88,13 +85,17 @@ def test_episodes_are_those_of_every_other_run_whatever_the_library_resets_with(
     assert heard == [1, 2, 3] and numbered.steps == sum(one.decisions for one in expected)
 
 
-def test_an_episode_without_a_decision_would_shift_all_curves_and_is_refused() -> None:
-    class Skipping(gymnasium.Env[Any, Any]):
-        def reset(self, **_: Any) -> tuple[Any, dict[str, Any]]:
-            return None, {"passed_over": 1, "episode_number": 1}
-
-    with pytest.raises(TreenailError, match="episode 0: expected something to decide"):
-        Numbered(Skipping(), 0).reset()
+def test_an_episode_that_ends_at_its_first_touch_has_its_point_too() -> None:
+    """Seed 100 of the round peg begins its episode 11 over the hole: it goes in without a decision."""
+    definition = load("suite-round")
+    numbered = Numbered(peg_in_hole(definition=definition), 100)
+    _, info = numbered.reset(options={"episode": 11})
+    assert (info["passed_over"], info["episode_number"], numbered.over) == (1, 12, 1)
+    expected = trial(definition, RandomMoves(definition, 100), 100, 12).episodes[11]
+    got = numbered.outcome(1, 0.0)
+    assert (got.outcomes, expected.outcome, expected.decisions) == ("i", "inserted", 0)
+    assert (got.moves, got.returns) == ([expected.moves], [expected.episode_return])
+    assert got.peak_n == [expected.peak_force_n] and got.force_n == [pytest.approx(expected.mean_force_n)]
 
 
 # -- figures ---------------------------------------------------------------------------------------------------------

@@ -225,7 +225,7 @@ def test_several_in_processes(start_method: str) -> None:
 @pytest.mark.parametrize(
     ("settings", "complaint"),
     [
-        ({"definition": "suite-rund"}, "expected one of .* did you mean 'suite-round'"),
+        ({"definition": "suite-rund"}, "shipped experiment's name .* did you mean 'suite-round'"),
         ({"histroy": 3}, "histroy: unknown key; did you mean|histroy: unknown key"),
         ({"overrides": {"limits.move_limit": 3}}, "limits.move_limit: .*expected"),
         ({"limits.move_limit": 3}, "limits.move_limit: .*expected"),
