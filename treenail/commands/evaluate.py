@@ -23,6 +23,8 @@ from services.wire.definition_file import load, with_overrides
 from services.wire.errors import TreenailError
 
 FIRST_SEED = 1000
+OF_A_SKILL = ("learner", "policy", "classifier")
+"""Parts of a definition that a skill brings with it."""
 """Seeds of an evaluation begin here, where nobody learns by default."""
 ABOUT = f"""Nothing is learnt and nothing tried: the best known move is made. METHOD is a skill's file, {BUILTIN} for
 the skill that comes with Treenail, or one of {", ".join(BASELINES)}; the rule is always
@@ -57,6 +59,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def act(arguments: argparse.Namespace) -> None:
     """Evaluate, and print a row a method."""
+    _refuse_what_a_skill_decides(arguments.set)
     methods = [_method(name) for name in dict.fromkeys((*arguments.method, *RULES))]
     definition = _task(arguments, methods)
     # A skill that does not fit is refused before anything runs.
@@ -109,6 +112,16 @@ def table(title: str, figures: dict[str, Figures]) -> Table:
 
 def _method(name: str) -> Method:
     return Method(name) if name in BASELINES else Method(name, named_or_file(name))
+
+
+def _refuse_what_a_skill_decides(settings: list[str]) -> None:
+    """Raise TreenailError for a setting that would change nothing: learner, classifier and policy are the skill's."""
+    for setting in settings:
+        key = setting.partition("=")[0].strip()
+        if key.partition(".")[0] in OF_A_SKILL:
+            raise TreenailError(
+                f"--set {key}: expected a setting of the task; {', '.join(OF_A_SKILL)} are what a skill was learnt with"
+            )
 
 
 def _task(arguments: argparse.Namespace, methods: list[Method]) -> Definition:

@@ -69,6 +69,15 @@ def test_from_python_it_is_named_or_read() -> None:
         treenail.run(CHAMFERLESS, skill="builtin")
 
 
+@pytest.mark.parametrize("key", ["learner.follow", "policy.kind", "classifier.rho", "learner"])
+def test_a_setting_that_a_skill_brings_with_it_is_refused(
+    key: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    status, _, err = says(monkeypatch, capsys, "evaluate", "builtin", "--set", f"{key}=0.5")
+    assert status == 2 and err.count("\n") == 1
+    assert err.startswith(f"treenail evaluate: --set {key}: expected a setting of the task")
+
+
 def test_it_is_evaluated_beside_the_rules(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("builtin", "--experiment", "suite-round", "--episodes", "2", "--seeds", "1", "--jobs", "1", "--json")
     status, out, _ = says(monkeypatch, capsys, "evaluate", *words)
