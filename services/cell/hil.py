@@ -83,17 +83,17 @@ def for_emulated(definition: Definition, profile: str, rates: Callable[[int], bo
     """Return what has to be set in a definition so that emulated hardware can make its starts and give its forces.
 
     Forces are in whole counts; random starts are on the grid of the emulated arm; where several samples make a force,
-    they come at a rate for which ``rates`` holds, else at ``rate_hz``. Raises CellError for rotations about another
-    point than the tip.
+    or a rate is stated, they come at one for which ``rates`` holds, else at ``rate_hz``. Raises CellError for rotations
+    about another point than the tip.
     """
     if centre_mm := definition.moves.rotation_centre_mm:
         why = "its arm turns about the peg's tip"
         raise CellError(f"moves.rotation_centre_mm: expected 0 with `treenail up {profile}`, {why}, got {centre_mm}")
     start, sensor = definition.start, definition.sensor
     off_grid = any(start.spreads) and not 0 < start.decimals <= DECIMALS
-    several = max(sensor.window, sensor.tare_samples) > 1
+    rate_counts = sensor.rate_hz > 0 or max(sensor.window, sensor.tare_samples) > 1
     return (
         *(() if sensor.full_scale_n else FULL_SCALES),
         *((f"start.decimals={DECIMALS}",) if off_grid else ()),
-        *((f"sensor.rate_hz={rate_hz}",) if several and not rates(sensor.rate_hz) else ()),
+        *((f"sensor.rate_hz={rate_hz}",) if rate_counts and not rates(sensor.rate_hz) else ()),
     )

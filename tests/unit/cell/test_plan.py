@@ -62,6 +62,7 @@ def test_emulated_hardware_stands_in_for_the_simulator_which_has_a_world_of_its_
         (["sensor.window=8", "sensor.rate_hz=300"], emulated(), "1000"),
         (["sensor.window=8", "sensor.rate_hz=300"], arm(), "300"),
         (["sensor.window=8", "sensor.rate_hz=1000"], arm(), "125"),
+        (["sensor.rate_hz=1000", "sensor.filter_hz=31.25", "limits.hard_force_n=23"], arm(), "125"),
         ([], arm("192.168.0.10"), None),
         (["sensor.window=8", "sensor.rate_hz=250"], arm("192.168.0.10"), "250"),
     ],
