@@ -124,7 +124,8 @@ def _summary_beside(run: StoredRun, record: RunRecord, swaps: Sequence[Swap]) ->
         return None
     try:
         read_summary(path, record, swaps)
-    except ResultsError:
+    except ResultsError as error:
+        print(f"not compared: {error}", file=sys.stderr)
         return None
     return path
 

@@ -28,20 +28,22 @@ _LOG_HEADER_BYTES = 32
 class StoreFile:
     """The stored keys of all cells in a file, as they were when it was opened."""
 
-    def __init__(self, database: Database, path: Path) -> None:
+    def __init__(self, database: Database, path: Path, copy: Path) -> None:
+        """``path`` is the file's own name, ``copy`` is what is open: no error names that."""
         self._database = database
+        self._copy = copy
         self.path = path
 
     def cells(self) -> list[str]:
         """Return the cells that have a run in the file."""
-        with _one_line(self.path):
+        with _one_line(self.path, self._copy):
             keys = self._database.keys(f"{ROOT}/*/{wild(RUN)}")
         return sorted({key.key.split("/")[1] for key in keys})
 
     def values(self, cell: str, expression: str) -> list[Value]:
         """Return all stored values of a cell whose names a key expression matches, by name. Raises CellError."""
         prefix = Keys(cell).of("")
-        with _one_line(self.path):
+        with _one_line(self.path, self._copy):
             found = self._database.get(prefix + expression)
         if found.damaged:
             raise CellError(f"{self.path}: damaged: {', '.join(found.damaged[:5])}; {what_to_do(self.path)}")
@@ -86,7 +88,7 @@ def opened(path: Path) -> Iterator[StoreFile]:
         with _one_line(path, copy):
             database = Database(copy)
         with database:
-            yield StoreFile(database, path)
+            yield StoreFile(database, path, copy)
 
 
 def _copy(path: Path, copy: Path) -> None:
@@ -122,9 +124,9 @@ def _log(path: Path) -> Path:
 
 
 @contextmanager
-def _one_line(path: Path, copy: Path | None = None) -> Iterator[None]:
+def _one_line(path: Path, copy: Path) -> Iterator[None]:
     """Raise the store's errors as ours, about the original."""
     try:
         yield
     except (StoreError, OSError) as error:
-        raise CellError(str(error).replace(str(copy or path), str(path))) from error
+        raise CellError(str(error).replace(str(copy), str(path))) from error

@@ -210,11 +210,18 @@ def _hash_in(summary: bytes) -> str:
 
 
 def _summary_beside(episodes: Path) -> dict[str, Any]:
-    """Return what the ``summary.json`` beside an ``episodes.csv`` says; nothing when there is none."""
+    """Return what the ``summary.json`` beside an ``episodes.csv`` says; nothing when there is none.
+
+    Raises ResultsError when what is there says nothing.
+    """
+    path = episodes.with_name(SUMMARY)
     try:
-        return _content(episodes.with_name(SUMMARY).read_bytes())
+        content = _content(path.read_bytes())
     except OSError:
         return {}
+    if not content:
+        raise ResultsError(f"{path}: expected a summary of results, got something else; is it damaged?")
+    return content
 
 
 def _content(summary: bytes) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import shutil
+import sqlite3
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -151,6 +152,18 @@ def test_damage_is_an_error_in_one_line(store: Path, capsys: pytest.CaptureFixtu
     assert replay_command.main(["--store", str(store)]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(f"treenail replay: {store}: expected a")
+
+
+def test_what_is_missing_in_the_file_is_said_of_the_file_itself(
+    store: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with sqlite3.connect(store) as database:
+        database.execute("DROP TABLE payload")
+    database.close()
+    assert replay_command.main(["--store", str(store)]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"treenail replay: {store}: expected a sound file, got no such table")
+    assert f"`treenail store check {store}`" in line, "not the copy that is read"
 
 
 def test_damaged_payload_is_named(store: Path, first: Any, capsys: pytest.CaptureFixture[str]) -> None:

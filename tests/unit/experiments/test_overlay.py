@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -66,3 +67,14 @@ def test_what_cannot_be_compared_is_one_line(
     assert command.main(words) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line == f"treenail compare: {said}"
+
+
+@pytest.mark.parametrize("content", ["", '{"experiment":', "[]"])
+def test_a_damaged_summary_is_not_said_to_be_missing(
+    folders: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str
+) -> None:
+    shutil.copytree(folders[1], tmp_path / "a")
+    damaged = tmp_path / "a" / result_files.SUMMARY
+    damaged.write_text(content)
+    assert command.main([str(tmp_path / "a")]) == 2
+    assert capsys.readouterr().err.startswith(f"treenail compare: {damaged}: expected a summary of results")

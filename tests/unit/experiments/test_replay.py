@@ -591,8 +591,9 @@ def test_command_names_a_changed_reward_and_what_it_spoils(
 def test_only_the_summary_of_this_run_counts(first: Any, store: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = store.with_name("summary.json")
     other.write_text(run_summary(first).replace(f'"seed": {SEED}', '"seed": 77'))
-    status, out, _ = asked(capsys, "--store", str(store))
+    status, out, err = asked(capsys, "--store", str(store))
     assert (status, "summary.json" in out) == (0, False)
+    assert err.startswith(f"not compared: {other}: expected definition ") and len(err.splitlines()) == 1
     status, _, err = asked(capsys, "--store", str(store), "--summary", str(other))
     assert status == 2
     assert err.startswith(f"treenail replay: {other}: expected definition ")
@@ -601,6 +602,8 @@ def test_only_the_summary_of_this_run_counts(first: Any, store: Path, capsys: py
         other.write_bytes(content.encode("latin-1"))
         status, _, err = asked(capsys, "--store", str(store), "--summary", str(other))
         assert (status, len(err.splitlines())) == (2, 1)
+        status, _, err = asked(capsys, "--store", str(store))
+        assert status == 0 and err.startswith(f"not compared: {other}: expected a summary of results: ")
     longer = json.loads(run_summary(first))
     longer["runs"][0]["episodes"] = EPISODES + 1
     other.write_text(json.dumps(longer))
