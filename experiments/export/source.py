@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
@@ -18,7 +18,7 @@ from msgspec.structs import replace
 from experiments.journal import options
 from experiments.journal.store_file import FILE
 from experiments.lab import result_files
-from services.cell.stored import StoredRun, chosen, run_named
+from services.cell.stored import LISTED, Stored, StoredRun, chosen, run_named, runs
 from services.rules.results import Summary, episodes_digest
 from services.wire.definition import Definition
 from services.wire.definition_file import load, run_id_of
@@ -51,8 +51,29 @@ def source(arguments: argparse.Namespace) -> Iterator[Source]:
     if not a_file and arguments.run is not None and "/" in arguments.run:
         raise CellError(f"{arguments.run}: expected the folder of a run, a store's file or the name of a run, got none")
     with options.places(arguments, path if a_file else None) as places:
-        run = chosen(places, None) if a_file else run_named(places[0], arguments.run)
+        run = _of_seed(places, arguments.seed) if a_file else run_named(places[0], arguments.run)
+        asked, there = arguments.seed, run.record().seed
+        if asked is not None and asked != there:
+            raise CellError(f"--seed: expected {there}, which {run.name} has, got {asked}")
         yield of_store(run)
+
+
+def _of_seed(places: Sequence[Stored], seed: int | None) -> StoredRun:
+    """Return a file's only run, or its only one of that seed. Raises CellError, with what there is."""
+    known = [run for stored in places for run in runs(stored)]
+    if len(known) < 2:
+        return chosen(places, None)
+    if seed is None:
+        raise CellError(f"--seed: expected to be told which one of {_names(known)}")
+    fitting = [run for run in known if f"{run.name}-".partition("-")[2].startswith(f"s{seed}-")]
+    if len(fitting) == 1:
+        return fitting[0]
+    what = f"which fits {_names(fitting)}" if fitting else "which none has"
+    raise CellError(f"--seed: expected that of one of {_names(known)}, got {seed}, {what}")
+
+
+def _names(known: Sequence[StoredRun]) -> str:
+    return ", ".join(sorted(run.name for run in known)[:LISTED])
 
 
 def of_store(run: StoredRun) -> Source:

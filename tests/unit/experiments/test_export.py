@@ -5,11 +5,13 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import re
 import resource
 import subprocess
 import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -197,6 +199,29 @@ def test_a_run_without_a_store_is_made_again(tmp_path: Path, run: InProcessRun, 
         pytest.raises(DivergedError, match=expected),
     ):
         list(again.episodes)
+
+
+def test_of_a_stores_file_the_run_with_the_seed_that_was_asked_for_is_taken(
+    tmp_path: Path, definition: Definition, record_run: Callable[..., Any], store_of: Callable[..., Path]
+) -> None:
+    runs = [record_run(definition, seed, 1) for seed in (3, 33)]
+    two = store_of(tmp_path / "two.sqlite", *runs)
+    single = store_of(tmp_path / "single.sqlite", runs[0])
+
+    def taken(path: Path, seed: int | None) -> tuple[str, int]:
+        with source(argparse.Namespace(run=str(path), seed=seed, cell=None)) as found:
+            return found.name, found.seed
+
+    assert [taken(two, 3), taken(two, 33), taken(single, 3), taken(single, None)] == [
+        (one.record.run, one.record.seed) for one in (*runs, runs[0], runs[0])
+    ]
+    for path, seed, said in (
+        (single, 9, f"--seed: expected 3, which {runs[0].record.run} has, got 9"),
+        (two, 9, "got 9, which none has"),
+        (two, None, f"--seed: expected to be told which one of {runs[0].record.run}, {runs[1].record.run}"),
+    ):
+        with pytest.raises(CellError, match=re.escape(said)):
+            taken(path, seed)
 
 
 @pytest.mark.parametrize("there", ["nothing/here", "empty"])
