@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -84,6 +85,8 @@ def test_commands_and_their_processes_run_ours_alone(python: Path, unlucky: Path
         python, unlucky, command, "experiment", "run", "initial", "--seeds", "2", *WORDS, "here"
     )
     assert run(python, unlucky, "-P", "-m", "treenail", "experiment", "list").startswith("chamfered")
+    shown = run(python, unlucky, command, "checkpoint", "show", "builtin", "--json")
+    assert json.loads(shown)["episodes"] == 300, "the skill that comes with Treenail comes in the wheel"
     ports = ("--port", "0", "--no-viewer")
     run(python, unlucky, command, "up", "sim", "--experiment", "initial", *ports, *WORDS, "cell")
     assert (unlucky / "cell" / "summary.json").exists()
