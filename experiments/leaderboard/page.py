@@ -30,7 +30,9 @@ ones included; in brackets the least and the most of the seeds' means. *Moves* a
 oracle knows the pose and plans without noise from the first start of each seed: what could be had, no more. A failure
 among the first {FIRST} is a scratched part. What each method was told stands at the end."""
 TOLD_HEAD = """Beside what it feels. *Supervision*: who says which move is right, or how good one was. *Geometry*: what
-is told of shape and sensor. *Pose*: what is told of where peg and hole are."""
+is told of shape and sensor; *where the sensor sits* is the lever that the task's definition refers torques by, and
+where a sensor stands anyhow (`suite-turned*`), who learns is told nothing of it. *Pose*: what is told of where peg and
+hole are."""
 
 
 def facts(length: Length, code: Sequence[str] = LEARNER) -> dict[str, str]:
