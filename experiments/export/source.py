@@ -44,32 +44,37 @@ def source(arguments: argparse.Namespace) -> Iterator[Source]:
     Raises CellError, and DivergedError when a run that is made again is another one.
     """
     path = None if arguments.run is None else Path(arguments.run)
-    if path is not None and path.is_dir() and not (path / FILE).is_file():
+    in_file = path is not None and path.exists() and (not path.is_dir() or (path / FILE).is_file())
+    if arguments.named is not None and not in_file:
+        raise CellError(f"--named: expected with a store's file or the folder of one, got {arguments.run}")
+    if path is not None and path.is_dir() and not in_file:
         yield made_again(path, arguments.seed)
         return
     a_file = path is not None and path.exists()
     if not a_file and arguments.run is not None and "/" in arguments.run:
         raise CellError(f"{arguments.run}: expected the folder of a run, a store's file or the name of a run, got none")
     with options.places(arguments, path if a_file else None) as places:
-        run = _of_seed(places, arguments.seed) if a_file else run_named(places[0], arguments.run)
+        run = _in_file(places, arguments.seed, arguments.named) if a_file else run_named(places[0], arguments.run)
         asked, there = arguments.seed, run.record().seed
         if asked is not None and asked != there:
             raise CellError(f"--seed: expected {there}, which {run.name} has, got {asked}")
         yield of_store(run)
 
 
-def _of_seed(places: Sequence[Stored], seed: int | None) -> StoredRun:
-    """Return a file's only run, or its only one of that seed. Raises CellError, with what there is."""
+def _in_file(places: Sequence[Stored], seed: int | None, name: str | None) -> StoredRun:
+    """Return a file's only run, its only one of that seed, or that of that name. Raises CellError, with what is there.
+
+    Two runs have a seed in common where one of them began with a skill, as after ``treenail checkpoint import``.
+    """
     known = [run for stored in places for run in runs(stored)]
-    if len(known) < 2:
-        return chosen(places, None)
-    if seed is None:
-        raise CellError(f"--seed: expected to be told which one of {_names(known)}")
-    fitting = [run for run in known if f"{run.name}-".partition("-")[2].startswith(f"s{seed}-")]
-    if len(fitting) == 1:
-        return fitting[0]
-    what = f"which fits {_names(fitting)}" if fitting else "which none has"
-    raise CellError(f"--seed: expected that of one of {_names(known)}, got {seed}, {what}")
+    if name is not None or len(known) < 2:
+        return chosen(places, name)
+    of_seed = [run for run in known if f"{run.name}-".partition("-")[2].startswith(f"s{seed}-")]
+    if len(of_seed) == 1:
+        return of_seed[0]
+    if seed is not None and not of_seed:
+        raise CellError(f"--seed: expected that of one of {_names(known)}, got {seed}")
+    raise CellError(f"--named: expected to be told which one of {_names(of_seed or known)}")
 
 
 def _names(known: Sequence[StoredRun]) -> str:

@@ -37,6 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, metavar="PATH", help="what to write (default: <run> with -bag, .parquet, …)"
     )
     parser.add_argument("--seed", type=whole(0, MAX_SEED), help="which run of a folder with several")
+    parser.add_argument("--named", metavar="NAME", help="which run of a store's file, by its name or how that begins")
     parser.add_argument("--force", action="store_true", help="replace what is there")
     client.add_arguments(parser)
     parser.set_defaults(cell=None)  # a file may be of any

@@ -22,6 +22,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("out", type=Path, metavar="OUT", help="the film: a name that ends in .mp4 or .gif")
     parser.add_argument("--episode", type=whole(0, LONGEST_RUN - 1), metavar="N", help="which (default: the last one)")
     parser.add_argument("--seed", type=whole(0, MAX_SEED), help="which run of a folder with several")
+    parser.add_argument("--named", metavar="NAME", help="which run of a store's file, by its name or how that begins")
     parser.add_argument("--per-second", type=whole(1, 50), default=10, metavar="K", help="motions in a second of film")
     parser.add_argument("--force", action="store_true", help="replace what is there")
     client.add_arguments(parser)

@@ -184,18 +184,23 @@ def test_a_run_without_a_store_is_made_again(tmp_path: Path, run: InProcessRun, 
     told = results.summary(definition, definition_sha256(definition), [done])
     (tmp_path / "run").mkdir()
     result_files.write(tmp_path / "run", definition, told, [done], {})
-    with source(argparse.Namespace(run=str(tmp_path / "run"), seed=None)) as again:
+    with source(argparse.Namespace(run=str(tmp_path / "run"), seed=None, named=None)) as again:
         assert (again.length, again.seed, next(again.episodes).steps) == (EPISODES, SEED, journal[0].steps)
     with (
         pytest.raises(CellError, match=r"--seed: expected one of 3 in "),
-        source(argparse.Namespace(run=str(tmp_path / "run"), seed=4)),
+        source(argparse.Namespace(run=str(tmp_path / "run"), seed=4, named=None)),
+    ):
+        pass
+    with (
+        pytest.raises(CellError, match=r"--named: expected with a store's file "),
+        source(argparse.Namespace(run=str(tmp_path / "run"), seed=None, named="x")),
     ):
         pass
     other = (tmp_path / "run" / "summary.json").read_text().replace(digests["episodes"], "0" * 64)
     (tmp_path / "run" / "summary.json").write_text(other)
     expected = "expected episodes of digest 000000000000 when run again"
     with (
-        source(argparse.Namespace(run=str(tmp_path / "run"), seed=None)) as again,
+        source(argparse.Namespace(run=str(tmp_path / "run"), seed=None, named=None)) as again,
         pytest.raises(DivergedError, match=expected),
     ):
         list(again.episodes)
@@ -208,8 +213,8 @@ def test_of_a_stores_file_the_run_with_the_seed_that_was_asked_for_is_taken(
     two = store_of(tmp_path / "two.sqlite", *runs)
     single = store_of(tmp_path / "single.sqlite", runs[0])
 
-    def taken(path: Path, seed: int | None) -> tuple[str, int]:
-        with source(argparse.Namespace(run=str(path), seed=seed, cell=None)) as found:
+    def taken(path: Path, seed: int | None, name: str | None = None) -> tuple[str, int]:
+        with source(argparse.Namespace(run=str(path), seed=seed, named=name, cell=None)) as found:
             return found.name, found.seed
 
     assert [taken(two, 3), taken(two, 33), taken(single, 3), taken(single, None)] == [
@@ -217,11 +222,17 @@ def test_of_a_stores_file_the_run_with_the_seed_that_was_asked_for_is_taken(
     ]
     for path, seed, said in (
         (single, 9, f"--seed: expected 3, which {runs[0].record.run} has, got 9"),
-        (two, 9, "got 9, which none has"),
-        (two, None, f"--seed: expected to be told which one of {runs[0].record.run}, {runs[1].record.run}"),
+        (two, 9, f"--seed: expected that of one of {runs[0].record.run}, {runs[1].record.run}, got 9"),
+        (two, None, f"--named: expected to be told which one of {runs[0].record.run}, {runs[1].record.run}"),
     ):
         with pytest.raises(CellError, match=re.escape(said)):
             taken(path, seed)
+    imported = record_run(definition, 3, 1, runs[1].run.learnt())
+    both = store_of(tmp_path / "both.sqlite", runs[0], imported)
+    with pytest.raises(CellError, match=r"--named: expected to be told which one of "):
+        taken(both, 3)
+    for one in (runs[0], imported):
+        assert taken(both, None, one.record.run) == (one.record.run, 3)
 
 
 @pytest.mark.parametrize("there", ["nothing/here", "empty"])
@@ -230,7 +241,7 @@ def test_what_is_no_run_is_refused(tmp_path: Path, there: str, monkeypatch: pyte
     (tmp_path / "empty").mkdir()
     with (
         pytest.raises(CellError, match=r"expected (a run|the folder of a run)"),
-        source(argparse.Namespace(run=there, seed=None)),
+        source(argparse.Namespace(run=there, seed=None, named=None)),
     ):
         pass
 
