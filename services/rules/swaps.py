@@ -167,8 +167,10 @@ def spec(text: str) -> tuple[int, Wish]:
 def check_episode(episode: int, first: int, episodes: int) -> None:
     """Raise SwapError for an episode that no swap can be made at: expected is one from ``first`` in the run."""
     if not first <= episode < episodes:
-        expected = f"{first} to {episodes - 1}" if first < episodes else f"none: of {episodes} the last has begun"
-        raise SwapError(f"swap: episode: expected {expected}, got {episode}", "out_of_order")
+        expected = f"{first} to {episodes - 1}, got {episode}"
+        if first >= episodes:
+            expected = f"one that has not begun, got {episode}: of {episodes} episodes the last has begun"
+        raise SwapError(f"swap: episode: expected {expected}", "out_of_order")
 
 
 def kind_of(table: ClassifierSettings | LearnerSettings | Policy) -> str:
