@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
-from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
 from experiments.deep.methods import Method
 from experiments.evaluate.controllers import RULE, RULES
@@ -19,7 +18,6 @@ from experiments.leaderboard.methods import TREENAIL
 
 ALGORITHMS = ("DQN", "PPO", "SAC", "RecurrentPPO")
 PANEL_INCH = (4.3, 2.6)
-TICKS_N = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
 LOOKS = {name: bands.style(number + 1) for number, name in enumerate(ALGORITHMS)}
 OWN = bands.style(0)
 
@@ -44,10 +42,7 @@ def picture(tasks: Mapping[str, Curves], methods: Sequence[Method]) -> bytes:
     panels[0][0].set_ylabel("failures of 10 [%]", fontsize=9)
     panels[1][0].set_ylabel("mean force [N]", fontsize=9)
     for force in panels[1]:
-        force.set_yscale("log")
-        force.yaxis.set_major_locator(FixedLocator(TICKS_N))
-        force.yaxis.set_minor_locator(NullLocator())
-        force.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        bands.logarithmic(force)
     bands.legend(figure, list(panels.flat), columns=6)
     return bands.png(figure)
 

@@ -17,6 +17,11 @@ from experiments.leaderboard.jobs import Outcome
 
 COLUMNS = 4
 PANEL_INCH = (3.2, 2.3)
+LEAST_INCH = (7.0, 2.9)
+"""Of a picture, without its legend."""
+LEGEND_COLUMN_INCH, LEGEND_ROW_INCH = 1.7, 0.22
+MOST_TIMES = 8.0
+"""Where one method presses so many times as hard as another, forces are on a logarithmic scale."""
 SEEN_PERCENT = 98.0
 """Part of a panel's force that its axis shows: a few first episodes are often ten times the rest."""
 
@@ -50,8 +55,10 @@ def _grid(
 ) -> bytes:
     columns = min(COLUMNS, len(tasks))
     rows = math.ceil(len(tasks) / columns)
-    size = (max(PANEL_INCH[0] * columns, 7.0), PANEL_INCH[1] * rows + 0.6)
-    figure = Figure(figsize=size, layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06))
+    width, height = max(PANEL_INCH[0] * columns, LEAST_INCH[0]), max(PANEL_INCH[1] * rows, LEAST_INCH[1])
+    legend_columns = int(width / LEGEND_COLUMN_INCH)
+    height += LEGEND_ROW_INCH * (1 + math.ceil(len(looks) / legend_columns))
+    figure = Figure(figsize=(width, height), layout=ConstrainedLayoutEngine(w_pad=0.06, h_pad=0.06))
     panels: list[Axes] = list(figure.subplots(rows, columns, squeeze=False).flat)
     for axes in panels[len(tasks) :]:
         axes.set_axis_off()
@@ -63,7 +70,7 @@ def _grid(
             axes.set_ylabel(axis, fontsize=9)
         if number >= len(tasks) - columns:
             axes.set_xlabel("episode", fontsize=9)
-    bands.legend(figure, panels[: len(tasks)], max(2, 2 * columns))
+    bands.legend(figure, panels[: len(tasks)], legend_columns)
     return bands.png(figure)
 
 
@@ -88,13 +95,19 @@ def _forces(
     baselines: Mapping[str, Sequence[Outcome]],
     looks: Mapping[str, bands.Style],
 ) -> None:
-    seen = [0.1]
+    seen, usual = [0.1], list[float]()
     for name, outcomes in learners.items():
         each = np.array([outcome.force_n for outcome in outcomes])
         bands.band(axes, each, looks[name], name)
-        seen.append(float(np.percentile(bands.moving_average(each), SEEN_PERCENT)))
+        smooth = bands.moving_average(each)
+        seen.append(float(np.percentile(smooth, SEEN_PERCENT)))
+        usual.append(float(np.median(smooth)))
     for name, outcomes in baselines.items():
         force_n = float(np.mean([value for outcome in outcomes for value in outcome.force_n]))
         axes.axhline(force_n, color=looks[name].colour, linewidth=1.3, linestyle=":", label=name)
         seen.append(force_n if name != "random" else 0.0)
-    axes.set_ylim(0.0, 1.05 * max(seen))
+    if usual and min(usual) > 0.0 and max(usual) > MOST_TIMES * min(usual):
+        bands.logarithmic(axes)
+        axes.set_ylim(0.7 * min(usual), 1.5 * max(seen))
+    else:
+        axes.set_ylim(0.0, 1.05 * max(seen))
