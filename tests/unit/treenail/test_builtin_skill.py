@@ -80,9 +80,10 @@ def test_a_setting_that_a_skill_brings_with_it_is_refused(
 
 def test_it_is_evaluated_beside_the_rules(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     words = ("builtin", "--experiment", "suite-round", "--episodes", "2", "--seeds", "1", "--jobs", "1", "--json")
-    status, out, _ = says(monkeypatch, capsys, "evaluate", *words)
+    status, out, err = says(monkeypatch, capsys, "evaluate", *words)
+    assert status == 0, err
     made = json.loads(out)["methods"]
-    assert status == 0 and set(made) == {"builtin", "rule", "rule-tip"}
+    assert set(made) == {"builtin", "rule", "rule-tip"}
     assert made["builtin"]["success"] == 1.0
     status, _, err = says(monkeypatch, capsys, "evaluate", "builtin", "--experiment", CHAMFERLESS)
     assert status == 2 and err.startswith(f"treenail evaluate: {REFUSED}") and err.count("\n") == 1
