@@ -29,5 +29,5 @@ def test_everything_is_measured_or_named_with_the_reason() -> None:
 
 
 def test_an_unknown_experiment_is_refused() -> None:
-    with pytest.raises(TreenailError, match="experiment: expected one of"):
+    with pytest.raises(TreenailError, match="expected a shipped experiment's name"):
         env.measure("nonsense", [], steps=1, seed=0, rounds=1)
