@@ -71,6 +71,13 @@ def run(python: Path, folder: Path, *words: str) -> str:
     return done.stdout
 
 
+def script(python: Path) -> str:
+    """Return the command as an installation puts it beside its Python."""
+    command = python.with_name("runtreenail")
+    command.write_text(f"#!{python}\nfrom treenail.__main__ import main\nmain()\n")
+    return str(command)
+
+
 def test_it_is_the_wheel_that_is_tried(python: Path, tmp_path: Path) -> None:
     where = "import treenail, services, experiments; print(*(m.__file__ for m in (treenail, services, experiments)))"
     for file in run(python, tmp_path, "-c", where).split():
@@ -78,8 +85,7 @@ def test_it_is_the_wheel_that_is_tried(python: Path, tmp_path: Path) -> None:
 
 
 def test_commands_and_their_processes_run_ours_alone(python: Path, unlucky: Path) -> None:
-    command = str(python.with_name("runtreenail"))
-    Path(command).write_text(f"#!{python}\nfrom treenail.__main__ import main\nmain()\n")
+    command = script(python)
     assert run(python, unlucky, command, "experiment", "list").startswith("chamfered")
     assert "results in here" in run(
         python, unlucky, command, "experiment", "run", "initial", "--seeds", "2", *WORDS, "here"
@@ -87,8 +93,11 @@ def test_commands_and_their_processes_run_ours_alone(python: Path, unlucky: Path
     assert run(python, unlucky, "-P", "-m", "treenail", "experiment", "list").startswith("chamfered")
     shown = run(python, unlucky, command, "checkpoint", "show", "builtin", "--json")
     assert json.loads(shown)["episodes"] == 300, "the skill that comes with Treenail comes in the wheel"
+
+
+def test_a_cell_runs_ours_alone(python: Path, unlucky: Path) -> None:
     ports = ("--port", "0", "--no-viewer")
-    run(python, unlucky, command, "up", "sim", "--experiment", "initial", *ports, *WORDS, "cell")
+    run(python, unlucky, script(python), "up", "sim", "--experiment", "initial", *ports, *WORDS, "cell")
     assert (unlucky / "cell" / "summary.json").exists()
 
 
