@@ -60,11 +60,16 @@ class Operator:
         return [answer for reply in replies if (answer := answer_in(reply, Swapped)) is not None]
 
     def ask(self, request: SwapRequest) -> Swapped | Refusal:
-        """Return the one answer to a request, asked again, as the refusal says, while the store is not ready."""
+        """Return the one answer to a request, asked again while none comes or, as the refusal says, while not ready.
+
+        A task that has just come back is alive before every router knows that it answers.
+        """
         deadline = time.monotonic() + 30
         while True:
-            (answer,) = self.send(encode(request))
-            if not (isinstance(answer, Refusal) and answer.reason == "not_ready") or time.monotonic() > deadline:
+            answers = self.send(encode(request))
+            early = not answers or (isinstance(answers[0], Refusal) and answers[0].reason == "not_ready")
+            if not early or time.monotonic() > deadline:
+                (answer,) = answers
                 return answer
             time.sleep(0.2)
 
