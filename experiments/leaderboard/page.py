@@ -63,14 +63,12 @@ def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
 
 
-def methods(some: Sequence[Method]) -> str:
-    """Return the table of methods, what each is and what it was told."""
-    head = ("method", "what it is", "supervision", "geometry", "pose")
-    rows = []
-    for method in some:
-        words = told(method)
-        rows.append((f"`{method.name}`", method.about, words.supervision, words.geometry, words.pose))
-    return table(head, rows).replace("---:", "---")
+def methods(some: Sequence[Method], *, published: bool = False) -> str:
+    """Return the table of methods, what each is and was told; with ``published`` also how it differs from that."""
+    head = ("method", "what it is", "supervision", "geometry", "pose", "otherwise than published")
+    columns = len(head) if published else len(head) - 1
+    rows = [(f"`{method.name}`", method.about, *told(method))[:columns] for method in some]
+    return table(head[:columns], rows).replace("---:", "---")
 
 
 def success(figures: Figures) -> str:

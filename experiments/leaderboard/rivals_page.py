@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from experiments.leaderboard.board import Board, Row
 from experiments.leaderboard.figures import FIRST, Figures
 from experiments.leaderboard.methods import TREENAIL
-from experiments.leaderboard.page import spread, success, table
-from experiments.leaderboard.told import told
+from experiments.leaderboard.page import methods, spread, success, table
 
 ALIKE = 0.05
 """Forces closer than this part are told as alike."""
@@ -49,7 +48,7 @@ HEAD = (
 def page(facts: Mapping[str, str], random: Board, unseen: Board) -> str:
     """Return the page of what was learnt at random starts, and of what was frozen and tried at unseen ones."""
     parts = [f"# {TITLE}", HOW, "\n".join(f"- {label}: {text}" for label, text in facts.items())]
-    parts += ["## What each was told", _told(random), "## What it came to", TABLES]
+    parts += ["## What each was told", methods(random.methods, published=True), "## What it came to", TABLES]
     learn = {method.name for method in random.methods if method.kind == "learn"}
     for task in random.tasks:
         rows = [row for row in random.rows if row["task"] == task]
@@ -61,12 +60,6 @@ def page(facts: Mapping[str, str], random: Board, unseen: Board) -> str:
         ]
         parts += ["\n".join(f"- `{row['method']}`: {'; '.join(row['missing'])}" for row in rows if row["missing"])]
     return "\n\n".join(part for part in parts if part) + "\n"
-
-
-def _told(random: Board) -> str:
-    rows = [(f"`{method.name}`", method.about, *told(method)) for method in random.methods]
-    text = table(("method", "what it is", "supervision", "geometry", "pose", "otherwise than published"), rows)
-    return text.replace("---:", "---")
 
 
 def _there(unseen: Board, row: Row) -> Figures | None:

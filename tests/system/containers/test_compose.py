@@ -6,7 +6,7 @@ import http.client
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -81,22 +81,18 @@ def test_through_emulated_hardware_a_cell_learns_the_same(
     assert len(composition.containers("robot_link")) == len(composition.containers("sensor_jr3")) == 1
 
 
-def test_through_an_emulated_arm_of_universal_robots_the_suite_s_task_is_learnt_the_same(
-    composition: Any, reference: Callable[..., dict[str, str]]
+@pytest.mark.parametrize(
+    ("profile", "parts"),
+    [("ur", ("robot_ur", "ur-controller")), ("ros2", ("ros2_robot", "ros2_sensor"))],
+    ids=["universal-robots", "topics-of-ros2"],
+)
+def test_through_an_emulated_arm_the_suite_s_task_is_learnt_the_same(
+    profile: str, parts: Sequence[str], composition: Any, reference: Callable[..., dict[str, str]]
 ) -> None:
-    composition.profile = "ur"
+    composition.profile = profile
     composition("up", "--detach", EPISODES=3, SEED=1, EXPERIMENT=SUITE)
     assert composition.digests(3) == reference(3, 1, *FULL_SCALES, "start.decimals=4", experiment=SUITE)
-    assert len(composition.containers("robot_ur")) == len(composition.containers("ur-controller")) == 1
-
-
-def test_through_an_emulated_arm_behind_topics_of_ros_2_the_suite_s_task_is_learnt_the_same(
-    composition: Any, reference: Callable[..., dict[str, str]]
-) -> None:
-    composition.profile = "ros2"
-    composition("up", "--detach", EPISODES=3, SEED=1, EXPERIMENT=SUITE)
-    assert composition.digests(3) == reference(3, 1, *FULL_SCALES, "start.decimals=4", experiment=SUITE)
-    assert len(composition.containers("ros2_robot")) == len(composition.containers("ros2_sensor")) == 1
+    assert [len(composition.containers(part)) for part in parts] == [1, 1]
 
 
 def test_containers_are_given_no_more_than_they_need(composition: Any, docker: Docker) -> None:

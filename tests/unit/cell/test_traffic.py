@@ -21,6 +21,7 @@ from services.wire.messages import (
     Reward,
     State,
 )
+from tests.unit.heartbeats import alive
 
 RUN = "r-s0"
 SENT_US = {OBSERVATION: 0, STATE: 300, ACTION: 500, REWARD: 1700}
@@ -51,11 +52,8 @@ def summary(episode: int, moves: int, gain: float = -5.0, run: str = RUN) -> Epi
     )  # fmt: skip
 
 
-def alive(handled: int, instance: str = "x", **refused: int) -> Alive:
-    return Alive(
-        service="agent", instance=instance, host="h", pid=1, version="0", contract_sha256="0" * 64, started_t_ns=0,
-        beat=1, handled=handled, refused=refused, run=None, phase="running",
-    )  # fmt: skip
+def of_agent(handled: int, instance: str = "x", **refused: int) -> Alive:
+    return alive("agent", handled=handled, instance=instance, refused=refused)
 
 
 @pytest.fixture
@@ -147,7 +145,7 @@ def test_memory_is_bounded(traffic: Traffic) -> None:
         decide(traffic, number)
         traffic.take(published(STATE, loop(STATE, 10**9 + number), 10**18), 101.0)
         traffic.take(Published(f"stranger/{number}", b"", "", None), 101.0)
-        traffic.take(published(f"heartbeat/s{number}", alive(1)), 101.0)
+        traffic.take(published(f"heartbeat/s{number}", of_agent(1)), 101.0)
     assert len(traffic.latencies.timed["agent"]) == MAX_TIMED
     assert len(traffic.latencies._open) <= MAX_OPEN
     assert len(traffic.counts) == MAX_NAMES + 1
@@ -183,10 +181,10 @@ def test_the_return_is_that_of_the_last_ten_episodes_of_this_run(traffic: Traffi
 
 
 def test_a_service_that_started_again_has_no_rate_yet(traffic: Traffic) -> None:
-    traffic.take(published("heartbeat/agent", alive(100)), 101.0)
+    traffic.take(published("heartbeat/agent", of_agent(100)), 101.0)
     assert traffic.hearts["agent"].handled_per_s is None
-    traffic.take(published("heartbeat/agent", alive(150, GapError=2)), 103.0)
+    traffic.take(published("heartbeat/agent", of_agent(150, GapError=2)), 103.0)
     assert traffic.hearts["agent"].handled_per_s == 25.0
     assert traffic.hearts["agent"].last.refused == {"GapError": 2}
-    traffic.take(published("heartbeat/agent", alive(3, instance="y")), 104.0)
+    traffic.take(published("heartbeat/agent", of_agent(3, instance="y")), 104.0)
     assert traffic.hearts["agent"].handled_per_s is None

@@ -6,13 +6,12 @@ import pytest
 
 from experiments.lab.in_process import InProcessRun
 from services.rules.motions import GuardError
-from services.sim.cell import SimulatedCell
 from services.task.service import work
 from services.wire.definition import Definition
 from services.wire.definition_file import load
 from services.wire.errors import DefinitionError
-from services.wire.messages import EpisodeSummary, JournalEpisode, Message, Move, Observation
-from tests.unit.shells.test_task_and_sim_shells import run_task
+from services.wire.messages import EpisodeSummary, JournalEpisode, Observation
+from tests.unit.shells.test_task_and_sim_shells import kill_simulator, run_task
 
 SEED, EPISODES = 1, 2
 
@@ -52,15 +51,7 @@ def test_a_simulator_that_is_killed_within_an_episode_comes_back_to_the_same_zer
     heavy: Definition, expected: tuple[list[EpisodeSummary], list[JournalEpisode]]
 ) -> None:
     task, others = run_task(heavy)
-    killed: list[int] = []
-
-    def kill(message: Message) -> bool:
-        if isinstance(message, Move) and message.step == 9 and message.episode not in killed:
-            killed.append(message.episode)
-            others.robot = SimulatedCell(heavy, message.run, SEED)
-        return False
-
-    others.deaf = kill
+    killed = kill_simulator(others, heavy, SEED)
     task.run_for(lambda service: work(service, heavy, SEED, EPISODES), 60.0)
     assert killed == [0, 1]
     assert task.published(EpisodeSummary) == expected[0]

@@ -92,6 +92,20 @@ class Others:
         self._agent.reward(reward)
 
 
+def kill_simulator(others: Others, definition: Definition, seed: int) -> list[int]:
+    """Kill the simulator after nine decisions of every episode; return the list of those in which it was, so far."""
+    killed: list[int] = []
+
+    def kill(message: Message) -> bool:
+        if isinstance(message, Move) and message.step == 9 and message.episode not in killed:
+            killed.append(message.episode)
+            others.robot = SimulatedCell(definition, message.run, seed)
+        return False
+
+    others.deaf = kill
+    return killed
+
+
 def run_task(definition: Definition, bus: FakeBus | None = None) -> tuple[FakeService, Others]:
     task = FakeService("task", bus, zid="7a")
     others = Others(definition, task)
@@ -124,15 +138,7 @@ def filtered(definition: Definition) -> Definition:
 
 def test_a_run_behind_a_filter_is_the_one_in_a_process_whenever_the_simulator_is_killed(filtered: Definition) -> None:
     task, others = run_task(filtered)
-    killed: list[int] = []
-
-    def kill(message: Message) -> bool:
-        if isinstance(message, Move) and message.step == 9 and message.episode not in killed:
-            killed.append(message.episode)
-            others.robot = SimulatedCell(filtered, message.run, SEED)
-        return False
-
-    others.deaf = kill
+    killed = kill_simulator(others, filtered, SEED)
     task.run_for(lambda service: work(service, filtered, SEED, EPISODES), 60.0)
     assert killed == list(range(EPISODES))
     assert task.published(EpisodeSummary) == list(InProcessRun(filtered, SEED).episodes(EPISODES))

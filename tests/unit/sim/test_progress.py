@@ -7,6 +7,7 @@ import pytest
 from services.sim.progress import Lines
 from services.wire.definition import Definition
 from services.wire.messages import Alive, EpisodeSummary, Experiment
+from tests.unit.heartbeats import alive
 
 RUN = "0123456789abcdef-s1"
 
@@ -44,20 +45,7 @@ def episode(number: int, run: str = RUN) -> EpisodeSummary:
 
 
 def heartbeat(phase: str) -> Alive:
-    return Alive(
-        service="task",
-        instance="1",
-        host="h",
-        pid=1,
-        version="0",
-        contract_sha256="0" * 64,
-        started_t_ns=0,
-        beat=1,
-        handled=0,
-        refused={},
-        run=RUN,
-        phase=phase,
-    )
+    return alive("task", run=RUN, phase=phase)
 
 
 def test_what_is_printed_and_when(capsys: pytest.CaptureFixture[str]) -> None:

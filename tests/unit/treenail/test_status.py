@@ -9,33 +9,28 @@ import pytest
 from services.cell.terminal import console
 from services.wire.codec import contract_sha256
 from services.wire.messages import Alive
+from tests.unit.heartbeats import alive
 from treenail.commands import status
 from treenail.commands.status import Row, Seen
 
 NAMES = ("agent", "classifier", "robot_link", "router", "sensor_jr3", "sim", "store", "task", "viewer")
 
 
-def alive(name: str, **changed: object) -> Alive:
-    fields: dict[str, object] = {
-        "service": name,
+def here(name: str, **changed: object) -> Alive:
+    usual: dict[str, object] = {
         "version": "0.1.0",
         "contract_sha256": contract_sha256(),
         "host": "cell-pc.lab.example",
         "pid": 4_123_456,
         "instance": f"00001764349200123456789-{name}",
         "run": "d2b93e8f7c149588-s0",
-        "started_t_ns": 1,
-        "beat": 7,
-        "phase": "running",
         "handled": 12_345_678,
-        "refused": {},
-        **changed,
     }
-    return Alive(**fields)  # type: ignore[arg-type]
+    return alive(name, **usual | changed)
 
 
 def rows(**changed: dict[str, object]) -> list[Row]:
-    answers = {name: alive(name, **changed.get(name, {})) for name in NAMES}
+    answers = {name: here(name, **changed.get(name, {})) for name in NAMES}
     seen = Seen("a", list(NAMES), answers, answers, beats=dict.fromkeys(NAMES, 0.532))
     return [status.row(seen, name, contract_sha256()) for name in seen.names]
 
