@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import TypeAlias
 
+from services.bus.thread_state import keep
 from services.wire.errors import TreenailError
 
 HEARTBEAT_S = 1.0
@@ -37,12 +38,14 @@ class Inbox:
     def post(self, handler: Callable[..., None], item: object, refuse: Callable[[TreenailError], None]) -> None:
         """Have the loop call ``handler(item)``, and ``refuse`` with its error; safe from any thread, never waits."""
         self._events.put((handler, item, refuse))
+        keep()
 
     def post_quietly(self, handler: Callable[..., None], item: object, refuse: Callable[[TreenailError], None]) -> None:
         """Like ``post``, but the loop need not wake for it alone: it is done before whatever comes next."""
         self._quiet.append((handler, item, refuse))
         if self._heeding:  # looked at after appending, and set before looking: one of the two sees the other
             self.post(_nothing, None, refuse)
+        keep()
 
     def on_beat(self, beat: Callable[[], None]) -> None:
         """Have the loop call ``beat`` every HEARTBEAT_S as long as it works, and at once when it begins."""

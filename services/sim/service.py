@@ -41,7 +41,7 @@ class SimShell:
 
     def __init__(self, service: Service) -> None:
         self._service = service
-        self._publish_ft = service.publisher(FT, FtPacket)
+        self._publish_ft = service.publisher(FT, FtPacket, with_next=True)  # the answer to the motion
         self._publish_truth = service.publisher(TRUTH, Truth, drop=True)
         self._next_truth = 0.0
         self._cell: SimulatedCell

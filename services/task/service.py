@@ -71,7 +71,7 @@ class TaskShell:
         self._now = TaskRun(service, definition, seed, None)
         self._robot = Robot(service, definition.sensor, lambda packet: self._now.insertion.tare_again(packet))
         self._publish_observation = service.publisher(OBSERVATION, Observation)
-        self._publish_reward = service.publisher(REWARD, Reward)
+        self._publish_reward = service.publisher(REWARD, Reward, with_next=True)  # an observation, as a rule
         self._publish_episode = service.publisher(EPISODE, EpisodeSummary)
         self._alive: set[str] = set()
         self._came = False
