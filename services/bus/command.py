@@ -14,9 +14,11 @@ from typing import NoReturn
 
 from services.bus.service import Options
 from services.bus.session import DEFAULT_ENDPOINT, DEFAULT_SECURE_ENDPOINT
+from services.bus.turns import ask_for_short_turns
 from services.rules import command_line
 from services.rules.command_line import EXIT_ERROR, Parser, number, whole
 from services.wire.errors import RoleTakenError
+from services.wire.keys import READERS
 
 DIE_WITH_PARENT = "TREENAIL_DIE_WITH_PARENT"
 """Environment variable with the process id of the parent to die with."""
@@ -99,8 +101,13 @@ def die_with_parent() -> None:
 
 
 def run(name: str, main: Callable[[], None]) -> NoReturn:
-    """Run a service's main function and end the process: with 2 after an error of ours, which is one line."""
+    """Run a service's main function and end the process: with 2 after an error of ours, which is one line.
+
+    Who works in the cell asks for short turns on the processor, who only watches does not.
+    """
     die_with_parent()
+    if name not in READERS:
+        ask_for_short_turns()
     logging.basicConfig(stream=sys.stdout, level=logging.INFO, format="%(asctime)s %(name)s %(levelname)s %(message)s")
 
     def act() -> None:
