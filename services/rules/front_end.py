@@ -43,7 +43,8 @@ class FrontEnd:
 
     def moved(self, increment: Increment) -> None:
         """Take note of a motion that was made."""
-        self._forces.moved(increment)
+        if not self._forces.changes_nothing:
+            self._forces.moved(increment)
 
     def take(self, packet: FtPacket) -> FtPacket:
         """Take samples; return what is felt."""

@@ -20,6 +20,8 @@ guard that is dead commands nothing.
 from __future__ import annotations
 
 import math
+from functools import lru_cache
+from itertools import chain
 
 from services.rules.bounds import Bounds
 from services.rules.window import unusable
@@ -59,7 +61,10 @@ class Guard:
         self._oldest_s = oldest_s
         self._most_steps = limits.move_limit
         self._collision_force_n, self._hard_force_n = limits.collision_force_n, limits.hard_force_n
-        self._bound = ForceBound(definition)
+        bound = ForceBound(definition)
+        self._most_n = bound.largest_n
+        # An experiment has a handful of moves, and each is asked for thousands of times.
+        self._added_n = lru_cache(maxsize=64)(bound.added_n)
         self._workspace = Workspace(definition)
 
     def homing(self, home: Home) -> str | None:
@@ -85,9 +90,9 @@ class Guard:
             return f"guard: move: expected one of moves.list or a step of guidance, got {tuple(increment)}"
         return self._workspace.complaint(increment) or self._pressing(math.hypot(*felt.force_n[-1]), increment)
 
-    def moved(self, applied: Moved) -> None:
+    def moved(self, applied: Increment) -> None:
         """Take note of what was really applied."""
-        self._workspace.take(increment_of(applied))
+        self._workspace.take(applied)
 
     def sensing(self, felt: FtPacket | None, age_s: float) -> str | None:
         """Return why nothing may move with this F/T sample, or None."""
@@ -99,7 +104,7 @@ class Guard:
         why = unusable(felt.status)
         if why is not None:
             return f"guard: sensor: expected a usable F/T sample, got status {felt.status} ({why}); {_ONLY_HOME}"
-        if not all(math.isfinite(value) for load in (*felt.force_n, *felt.torque_nm) for value in load):
+        if not all(map(math.isfinite, chain(*felt.force_n, *felt.torque_nm))):
             got = f"{felt.force_n[-1]} N and {felt.torque_nm[-1]} N m"
             return f"guard: sensor: expected a finite force and torque, got {got}; {_ONLY_HOME}"
         return None
@@ -113,7 +118,7 @@ class Guard:
         if force_n >= self._collision_force_n:
             expected = f"expected less than the {self._collision_force_n} N of a collision"
             return f"guard: force: {expected}, got {force_n:.2f} N; {_ONLY_HOME}"
-        added_n, most_n = self._bound.added_n(increment), self._bound.largest_n
+        added_n, most_n = self._added_n(increment), self._most_n
         if added_n > most_n + _ROUNDING:
             return f"guard: size: expected at most the {most_n:.2f} N that one action can add, got {added_n:.2f} N"
         if force_n + added_n > self._hard_force_n:

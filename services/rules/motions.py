@@ -11,7 +11,7 @@ from __future__ import annotations
 from msgspec.structs import replace
 
 from services.rules.front_end import FrontEnd
-from services.rules.guard import OLDEST_S, Guard, increment_of
+from services.rules.guard import OLDEST_S, Guard
 from services.rules.senses import Senses, Taken
 from services.rules.touch import Touch
 from services.wire.actions import Increment
@@ -130,13 +130,23 @@ class Robot:
 
     def moved(self, move: Move, applied: Increment, arrived_t_ns: int) -> Moved:
         """Take note of what was applied, and return the answer."""
+        dx_mm, dy_mm, dz_mm, rx_deg, ry_deg, rz_deg = applied
         answer = Moved(
-            run=move.run, episode=move.episode, step=move.step, arrived_t_ns=arrived_t_ns, **applied._asdict()
+            run=move.run,
+            episode=move.episode,
+            step=move.step,
+            arrived_t_ns=arrived_t_ns,
+            dx_mm=dx_mm,
+            dy_mm=dy_mm,
+            dz_mm=dz_mm,
+            rx_deg=rx_deg,
+            ry_deg=ry_deg,
+            rz_deg=rz_deg,
         )
-        self._guard.moved(answer)
+        self._guard.moved(applied)
         self._senses.moved()
-        self._touch.take(increment_of(answer))
-        self._front.moved(increment_of(answer))
+        self._touch.take(applied)
+        self._front.moved(applied)
         self._last, self._done = move, answer
         return answer
 

@@ -45,6 +45,8 @@ class Workspace:
         """Tip in the tool frame of the start [mm]."""
         self._turn = UPRIGHT
         """Orientation in that frame, row by row."""
+        self._asked: tuple[Increment, Vector, Matrix] | None = None
+        """A motion that was asked for since the last one, and where it leads."""
 
     def complaint(self, increment: Increment) -> str | None:
         """Return which limit a motion would lead beyond, or None."""
@@ -52,6 +54,7 @@ class Workspace:
         if depth_mm > self._deepest_mm + _ROUNDING:
             return f"guard: depth: expected at most {self._deepest_mm:.3f} mm commanded, got {depth_mm:.3f}"
         position, turn = self._after(increment)
+        self._asked = (increment, position, turn)
         away_mm = math.hypot(*position)
         if away_mm > self._most_mm + _ROUNDING:
             return f"guard: workspace: expected at most {self._most_mm:g} mm from the start, got {away_mm:.3f}"
@@ -64,7 +67,11 @@ class Workspace:
     def take(self, increment: Increment) -> None:
         """Add a motion that was made."""
         self._depth_mm += increment.dz_mm
-        self._position, self._turn = self._after(increment)
+        asked, self._asked = self._asked, None
+        if asked is None or asked[0] != increment:
+            self._position, self._turn = self._after(increment)
+        else:  # as a rule: where it leads has been reckoned already
+            _, self._position, self._turn = asked
 
     def _after(self, increment: Increment) -> tuple[Vector, Matrix]:
         a, b, c = turned(self._turn, increment[:3])
@@ -84,22 +91,20 @@ class Workspace:
 def turned(turn: Matrix, vector: Vector) -> Vector:
     """Return a vector of the turned frame in the frame that it was turned in."""
     dx, dy, dz = vector
-    a, b, c = (row[0] * dx + row[1] * dy + row[2] * dz for row in turn)
-    return a, b, c
+    # Written out here and below, as this is done for every motion.
+    (a, b, c), (d, e, f), (g, h, i) = turn
+    return a * dx + b * dy + c * dz, d * dx + e * dy + f * dz, g * dx + h * dy + i * dz
 
 
 def product(left: Matrix, right: Matrix) -> Matrix:
     """Return the turn ``right`` in the frame of the turn ``left``."""
-    p, q, r = right
-    first, second, third = (
-        (
-            a * p[0] + b * q[0] + c * r[0],
-            a * p[1] + b * q[1] + c * r[1],
-            a * p[2] + b * q[2] + c * r[2],
-        )
-        for a, b, c in left
+    (a, b, c), (d, e, f), (g, h, i) = left
+    (p0, p1, p2), (q0, q1, q2), (r0, r1, r2) = right
+    return (
+        (a * p0 + b * q0 + c * r0, a * p1 + b * q1 + c * r1, a * p2 + b * q2 + c * r2),
+        (d * p0 + e * q0 + f * r0, d * p1 + e * q1 + f * r1, d * p2 + e * q2 + f * r2),
+        (g * p0 + h * q0 + i * r0, g * p1 + h * q1 + i * r1, g * p2 + h * q2 + i * r2),
     )
-    return first, second, third
 
 
 def rotation(rx_deg: float, ry_deg: float, rz_deg: float) -> Matrix:

@@ -130,25 +130,36 @@ def rotation_vector(q: Quaternion) -> Vector:
     return (factor * x, factor * y, factor * z)
 
 
-def between(start: Pose, end: Pose, fraction: float) -> Pose:
-    """Pose on the way from ``start`` to ``end``: the tip on a straight line, the orientation at a constant rate.
+def way(start: Pose, end: Pose, steps: int, along_mm: float) -> list[tuple[float, ...]]:
+    """Where a point of the tool's Z axis is after each of ``steps`` equal parts of the way between two poses.
 
-    Meant for the small angles of one increment, where the normalised linear blend of quaternions is that rate.
+    The tip goes on a straight line and the orientation turns at a constant rate. Meant for the small angles of one
+    increment, where the normalised linear blend of quaternions is that rate. Returns for each part but the last, whose
+    pose is ``end`` itself, position [mm] and quaternion (w, x, y, z), shape (steps - 1, 7); ``along_mm`` is as in
+    ``Pose.point``.
     """
-    keep = 1.0 - fraction
-    x0, y0, z0, qw0, qx0, qy0, qz0 = start
-    x1, y1, z1, qw1, qx1, qy1, qz1 = end
+    x0, y0, z0, w0, i0, j0, k0 = start
+    x1, y1, z1, w1, i1, j1, k1 = end
+    near = w0 * w1 + i0 * i1 + j0 * j1 + k0 * k1 >= 0.0
+    passed = list[tuple[float, ...]]()
     # Written out, as this is done for every time step of the physics.
-    blend = fraction if qw0 * qw1 + qx0 * qx1 + qy0 * qy1 + qz0 * qz1 >= 0.0 else -fraction
-    qw, qx = keep * qw0 + blend * qw1, keep * qx0 + blend * qx1
-    qy, qz = keep * qy0 + blend * qy1, keep * qz0 + blend * qz1
-    size = math.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
-    return Pose(
-        keep * x0 + fraction * x1,
-        keep * y0 + fraction * y1,
-        keep * z0 + fraction * z1,
-        qw / size,
-        qx / size,
-        qy / size,
-        qz / size,
-    )
+    for part in range(1, steps):
+        fraction = part / steps
+        keep = 1.0 - fraction
+        blend = fraction if near else -fraction
+        w, i = keep * w0 + blend * w1, keep * i0 + blend * i1
+        j, k = keep * j0 + blend * j1, keep * k0 + blend * k1
+        size = math.sqrt(w * w + i * i + j * j + k * k)
+        w, i, j, k = w / size, i / size, j / size, k / size
+        passed.append(
+            (
+                keep * x0 + fraction * x1 + along_mm * (2.0 * (i * k + w * j)),
+                keep * y0 + fraction * y1 + along_mm * (2.0 * (j * k - w * i)),
+                keep * z0 + fraction * z1 + along_mm * (1.0 - 2.0 * (i * i + j * j)),
+                w,
+                i,
+                j,
+                k,
+            )
+        )
+    return passed

@@ -29,11 +29,11 @@ from services.sim.geometry import Geometry, Vertices, geometry_of, hole_pieces, 
 from services.sim.pose import (
     Pose,
     Vector,
-    between,
     conjugate,
     require_finite,
     rotate,
     rotation_vector,
+    way,
 )
 from services.wire.actions import Increment
 from services.wire.definition import Definition
@@ -92,6 +92,7 @@ class Reading(NamedTuple):
 
 AT_REST = np.zeros(3, dtype=np.float32)
 NO_LOAD = Reading((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+_new_pose = sapien.Pose.__new__
 
 
 class World:
@@ -109,6 +110,7 @@ class World:
         self._stiffness_turn = definition.wrist.stiffness_nm_per_rad * 1e6  # uN m/rad
         self._always_physics = _always_physics
         self._scene, self._system, self._body, self._drive = _build(self._geometry, definition)
+        self._entity = self._body.entity
         self._flange: Pose | None = None
         self._at_flange = True
 
@@ -179,55 +181,58 @@ class World:
             return NO_LOAD
         if self._at_flange:
             self._place(start)
-        self._travel(start, target)
-        self._settle()
+        anchor = target.point(self._anchor_mm)
+        self._travel(start, target, anchor)
+        peg = self._settle()
         self._flange = target
-        force, torque = self._load()
+        force, torque = self._load(peg, target, anchor)
         self._at_flange = math.hypot(*force) < SILENT_N and math.hypot(*torque) < SILENT_NM
         return NO_LOAD if self._at_flange else Reading(force, torque)
 
     def _place(self, pose: Pose) -> None:
         """Put the peg at ``pose``, at rest, with the spring relaxed."""
-        body = self._body
-        body.entity.set_pose(_sapien_pose(pose))
+        body, drive = self._body, self._drive
+        self._entity.set_pose(_sapien_pose(pose))
         body.set_linear_velocity(AT_REST)
         body.set_angular_velocity(AT_REST)
-        self._drive.set_drive_velocity_target(AT_REST, AT_REST)
-        self._drive.set_drive_target(self._anchor(pose))
+        drive.set_drive_velocity_target(AT_REST, AT_REST)
+        drive.set_drive_target(self._anchor(pose))
 
-    def _anchor(self, pose: Pose) -> sapien.Pose:
-        return sapien.Pose(pose.point(self._anchor_mm), pose.orientation)
+    def _anchor(self, flange: Pose) -> sapien.Pose:
+        """Where the flange holds the spring."""
+        return _sapien_pose((*flange.point(self._anchor_mm), *flange[3:]))
 
-    def _travel(self, start: Pose, target: Pose) -> None:
-        """Take the flange from start to target."""
-        path = rotation_vector(multiply(target.orientation, conjugate(start.orientation)))
+    def _travel(self, start: Pose, target: Pose, anchor: Vector) -> None:
+        """Take the flange from start to target, where its anchor is at ``anchor`` [mm]."""
+        path = rotation_vector(multiply(target[3:], conjugate(start[3:])))
         turn_deg = math.degrees(math.hypot(*path))
         steps = max(1, math.ceil(max(math.dist(start[:3], target[:3]) / TRAVEL_MM, turn_deg / TRAVEL_DEG) - 1e-6))
         step, drive = self._system.step, self._drive
-        begin, end = start.point(self._anchor_mm), target.point(self._anchor_mm)
+        aim, anchor_mm = drive.set_drive_target, self._anchor_mm
+        x0, y0, z0 = start.point(anchor_mm)
+        x1, y1, z1 = anchor
+        turn_x, turn_y, turn_z = path
         duration = steps * STEP_S
         # The damper must act on the peg's speed relative to the flange, or a free peg would lag behind it.
         drive.set_drive_velocity_target(
-            np.array([(b - a) / duration for a, b in zip(begin, end, strict=True)], dtype=np.float32),
-            np.array([component / duration for component in path], dtype=np.float32),
+            ((x1 - x0) / duration, (y1 - y0) / duration, (z1 - z0) / duration),
+            (turn_x / duration, turn_y / duration, turn_z / duration),
         )
-        aim, anchor_mm = drive.set_drive_target, self._anchor_mm
-        for i in range(1, steps):
-            passed = between(start, target, i / steps)
-            aim(sapien.Pose(passed.point(anchor_mm), passed[3:]))
+        for numbers in way(start, target, steps, anchor_mm):
+            aim(_sapien_pose(numbers))
             step()
-        aim(sapien.Pose(end, target[3:]))
+        aim(_sapien_pose((*anchor, *target[3:])))
         step()
         drive.set_drive_velocity_target(AT_REST, AT_REST)
 
-    def _settle(self) -> None:
-        """Step until the peg stands still, or has had the time that it needs to."""
-        step, body = self._system.step, self._body
-        x, y, z, w, i, j, k = _numbers(body)
+    def _settle(self) -> tuple[float, ...]:
+        """Step until the peg stands still, or has had the time that it needs to; return where it is."""
+        step, entity = self._system.step, self._entity
+        x, y, z, w, i, j, k = now = _numbers(entity)
         for _ in range(SETTLE_STEPS // LOOK_EVERY):
             for _ in range(LOOK_EVERY):
                 step()
-            now_x, now_y, now_z, now_w, now_i, now_j, now_k = now = _numbers(body)
+            now_x, now_y, now_z, now_w, now_i, now_j, now_k = now = _numbers(entity)
             if (
                 abs(now_x - x) <= STILL_MM
                 and abs(now_y - y) <= STILL_MM
@@ -237,40 +242,47 @@ class World:
                 and abs(now_j - j) <= STILL_TURN
                 and abs(now_k - k) <= STILL_TURN
             ):
-                return
+                break
             x, y, z, w, i, j, k = now
+        return now
 
     def _pose_now(self) -> Pose:
         """Pose of the peg in the physics."""
-        return Pose(*_numbers(self._body))
+        return Pose(*_numbers(self._entity))
 
-    def _load(self) -> tuple[Vector, Vector]:
-        """The spring's load now: force [N] and torque [N m] on the peg by its surroundings, in the flange's tool frame.
+    def _load(self, peg: tuple[float, ...], flange: Pose, anchor: Vector) -> tuple[Vector, Vector]:
+        """The spring's load: force [N] and torque [N m] on the peg by its surroundings, in the flange's tool frame.
 
-        The peg is at rest, so what the surroundings do to it is the opposite of what the spring does.
+        The peg at ``peg`` is at rest, so what the surroundings do to it is the opposite of what the spring does
+        between its point and ``anchor`` [mm], that of the flange.
         """
-        flange, peg = self.flange, self._pose_now()
-        at, home = peg.point(self._anchor_mm), flange.point(self._anchor_mm)
-        back = conjugate(flange.orientation)
-        shift = rotate(back, (at[0] - home[0], at[1] - home[1], at[2] - home[2]))
-        turn = rotation_vector(multiply(back, peg.orientation))
+        back, along_mm = conjugate(flange[3:]), self._anchor_mm
+        px, py, pz, w, x, y, z = peg
+        # The peg's point as ``Pose.point`` has it.
+        apart_x = px + along_mm * (2.0 * (x * z + w * y)) - anchor[0]
+        apart_y = py + along_mm * (2.0 * (y * z - w * x)) - anchor[1]
+        apart_z = pz + along_mm * (1.0 - 2.0 * (x * x + y * y)) - anchor[2]
+        shift_x, shift_y, shift_z = rotate(back, (apart_x, apart_y, apart_z))
+        turn_x, turn_y, turn_z = rotation_vector(multiply(back, (w, x, y, z)))
         newton, newton_metre = self._stiffness * 1e-3, self._stiffness_turn * 1e-6
-        force = (shift[0] * newton, shift[1] * newton, shift[2] * newton)
-        torque = (turn[0] * newton_metre, turn[1] * newton_metre, turn[2] * newton_metre)
-        return force, torque
+        force = (shift_x * newton, shift_y * newton, shift_z * newton)
+        return force, (turn_x * newton_metre, turn_y * newton_metre, turn_z * newton_metre)
 
 
-def _numbers(body: physx.PhysxRigidDynamicComponent) -> tuple[float, ...]:
+def _numbers(entity: sapien.Entity) -> tuple[float, ...]:
     """Return position [mm] and quaternion (w, x, y, z) of a body, shape (7,).
 
     A pose's state is the same seven numbers as its ``p`` and ``q``, without two arrays made on the way.
     """
-    numbers: tuple[float, ...] = body.entity_pose.__getstate__()
+    numbers: tuple[float, ...] = entity.pose.__getstate__()
     return numbers
 
 
-def _sapien_pose(pose: Pose) -> sapien.Pose:
-    return sapien.Pose(pose.position, pose.orientation)
+def _sapien_pose(numbers: tuple[float, ...]) -> sapien.Pose:
+    """Return the pose of position [mm] and quaternion (w, x, y, z), shape (7,): the way back, without arrays too."""
+    pose = _new_pose(sapien.Pose)
+    pose.__setstate__(numbers)
+    return pose
 
 
 def _shape(vertices: Vertices, material: physx.PhysxMaterial) -> physx.PhysxCollisionShapeConvexMesh:

@@ -15,7 +15,7 @@ from services.wire.definition import Definition, Limits, Moves, Noise, Start, Wr
 from services.wire.definition_file import load, shipped
 from services.wire.definition_rules import contradiction
 from services.wire.force_bound import SETTLING_N, ForceBound
-from services.wire.messages import FtPacket, Home, Move, Moved
+from services.wire.messages import FtPacket, Home, Move
 
 RUN = "test-s0"
 MOVES = Moves(actions=11, lateral_mm=0.1, insertion_mm=0.2, rotation_deg=0.3)
@@ -53,7 +53,7 @@ def go(guard: Guard, **increment: float) -> str | None:
     """Ask for a motion, and make it when the guard lets it pass."""
     found = complaint(guard, move(**increment))
     if found is None:
-        guard.moved(Moved(run=RUN, episode=0, step=1, arrived_t_ns=0, **increment))
+        guard.moved(Increment(**increment))
     return found
 
 
@@ -210,7 +210,7 @@ def test_turning_about_the_flange_takes_the_tip_along() -> None:
 def test_what_was_really_applied_counts() -> None:
     guard = homed(replace(SETTINGS, limits=replace(SETTINGS.limits, workspace_mm=1.0)))
     for _ in range(9):
-        guard.moved(Moved(run=RUN, episode=0, step=1, arrived_t_ns=0, dx_mm=0.11))
+        guard.moved(Increment(dx_mm=0.11))
     assert complaint(guard, move(dx_mm=0.1)) is not None
 
 

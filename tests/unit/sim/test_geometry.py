@@ -20,7 +20,7 @@ from services.sim.geometry import (
     is_free_move,
     peg_vertices,
 )
-from services.sim.pose import Pose, between, rotate
+from services.sim.pose import Pose, rotate, way
 from services.wire.actions import Increment
 from services.wire.definition import Parts
 from services.wire.definition_file import load
@@ -164,8 +164,8 @@ def test_no_corner_is_deeper_than_deepest(geometry: Geometry, pose: Pose) -> Non
 def test_a_free_move_is_free_all_along(geometry: Geometry, pose: Pose, increment: Increment) -> None:
     end = pose.moved(increment)
     if is_free_move(geometry, pose, end):
-        for fraction in (0.0, 0.25, 0.5, 0.75, 1.0):
-            assert penetration(geometry, between(pose, end, fraction)) < 0.0
+        for passed in (pose, *(Pose(*numbers) for numbers in way(pose, end, 4, 0.0)), end):
+            assert penetration(geometry, passed) < 0.0
 
 
 @pytest.mark.parametrize("geometry", GEOMETRIES)

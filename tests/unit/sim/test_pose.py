@@ -12,12 +12,12 @@ from services.rules.quaternion import multiply
 from services.sim.pose import (
     Pose,
     axis,
-    between,
     conjugate,
     from_angles,
     require_finite,
     rotate,
     rotation_vector,
+    way,
 )
 from services.wire.actions import Increment
 
@@ -91,11 +91,25 @@ def test_rotation_vector_has_the_angle_of_the_rotation(pose: Pose, rx: float, rz
 
 
 @given(poses)
-def test_between_passes_the_middle(pose: Pose) -> None:
+def test_the_way_passes_the_middle(pose: Pose) -> None:
     end = pose.moved(Increment(dx_mm=0.2, rx_deg=0.2))
-    middle = between(pose, end, 0.5)
-    assert middle.position == pytest.approx([(a + b) / 2 for a, b in zip(pose[:3], end[:3], strict=True)])
-    assert middle.orientation == pytest.approx(pose.moved(Increment(rx_deg=0.1)).orientation, abs=1e-9)
+    for sign in (1.0, -1.0):  # a quaternion and its opposite are one orientation
+        (middle,) = way(pose, Pose(*end[:3], *(sign * part for part in end[3:])), 2, 0.0)
+        assert middle[:3] == pytest.approx([(a + b) / 2 for a, b in zip(pose[:3], end[:3], strict=True)])
+        assert middle[3:] == pytest.approx(pose.moved(Increment(rx_deg=0.1)).orientation, abs=1e-9)
+
+
+@given(poses, st.floats(-200, 200))
+def test_the_way_is_that_of_a_point_of_the_axis_in_equal_parts_without_its_end(pose: Pose, along_mm: float) -> None:
+    end = pose.moved(Increment(dz_mm=0.2, ry_deg=0.3))
+    passed = way(pose, end, 5, along_mm)
+    assert len(passed) == 4
+    tips = way(pose, end, 5, 0.0)
+    assert [numbers[:3] for numbers in passed] == [Pose(*numbers).point(along_mm) for numbers in tips]
+    for part, numbers in enumerate(tips, start=1):
+        wanted = [a + part / 5 * (b - a) for a, b in zip(pose[:3], end[:3], strict=True)]
+        assert numbers[:3] == pytest.approx(wanted, abs=1e-9)
+    assert way(pose, end, 1, along_mm) == []
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
