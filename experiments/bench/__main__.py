@@ -144,7 +144,8 @@ def _whole(arguments: argparse.Namespace) -> dict[str, Value]:
     definition = subject.definition  # what is wrong with it is said before anything starts
     match arguments.bench:
         case "loop":
-            return loop.measure(subject, arguments.episodes, arguments.rounds, secure=arguments.secure)
+            kinds = {"secure": arguments.secure, "together": arguments.together}
+            return loop.measure(subject, arguments.episodes, arguments.rounds, **kinds)
         case "query":
             return query.measure(subject, arguments.seconds, arguments.rate, arguments.rounds)
         case "classifiers":
@@ -180,6 +181,7 @@ def _parser() -> argparse.ArgumentParser:
     query.add_argument("--seconds", type=whole(1, 3600), default=5, help="length of each part of a round")
     query.add_argument("--rate", type=whole(1, 1000), default=50, help="questions per second")
     loop.add_argument("--episodes", type=whole(2), default=60, help="length; the first is not counted")
+    loop.add_argument("--together", action="store_true", help="measure it with four services in one process as well")
     loop.add_argument("--secure", action="store_true", help="measure the cell with certificates as well")
     sim.add_argument("--episodes", type=whole(1), default=20, help="whole episodes in a round")
     sim.add_argument("--moves", type=whole(1), default=1000, help="moves of one kind in a round")

@@ -36,10 +36,16 @@ class Subject(NamedTuple):
         """The definition, read. Raises DefinitionError."""
         return load(self.experiment, self.overrides)
 
-    def plan(self, episodes: int = ENDLESS) -> Plan:
-        """Return the plan of a cell that runs it."""
+    def plan(self, episodes: int = ENDLESS, *, together: bool = False) -> Plan:
+        """Return the plan of a cell that runs it, ``together`` with most of its services in one process."""
         return make_plan(
-            self.experiment, overrides=self.overrides, seed=self.seed, episodes=episodes, cell=CELL, fresh=True
+            self.experiment,
+            overrides=self.overrides,
+            seed=self.seed,
+            episodes=episodes,
+            cell=CELL,
+            fresh=True,
+            together=together,
         )
 
 

@@ -1,7 +1,8 @@
 """``bench loop``: what being distributed costs. Per decision: physics, a bare Zenoh chain, and the real cell.
 
 They are measured on the same decisions, one after the other in every round, because a busy machine changes; with
-``--secure`` the real cell once more, with mutual TLS and access control.
+``--secure`` the real cell once more, with mutual TLS and access control, and with ``--together`` with task, classifier,
+agent and simulator in one process.
 """
 
 from __future__ import annotations
@@ -23,6 +24,18 @@ SECURED_RATIO = 1.2
 """At most this much may the cell cost with certificates, in terms of the cell without."""
 
 
+class Kind(NamedTuple):
+    """How a cell is measured."""
+
+    secure: bool = False
+    """With certificates, made for it alone."""
+    together: bool = False
+    """With task, classifier, agent and simulator in one process."""
+
+
+_AS_IT_IS, _SECURED, _TOGETHER = Kind(), Kind(secure=True), Kind(together=True)
+
+
 class Round(NamedTuple):
     """One measurement of everything."""
 
@@ -30,24 +43,27 @@ class Round(NamedTuple):
     chain: ChainTimes
     distributed_s: float
     secured_s: float | None = None
+    together_s: float | None = None
 
 
-def measure(subject: Subject, episodes: int, rounds: int, *, secure: bool = False) -> dict[str, Value]:
+def measure(
+    subject: Subject, episodes: int, rounds: int, *, secure: bool = False, together: bool = False
+) -> dict[str, Value]:
     """Measure so many rounds. Raises CellError when the cell does not do what the run in one process does.
 
     The first of the episodes is not counted: it holds start-up and first calls. With ``secure`` the cell is measured
-    with certificates as well.
+    with certificates as well, with ``together`` as well with four services in one process.
     """
     definition, counted = subject.definition, episodes - 1
     noted = pattern(definition, subject.seed, counted)
     measured = []
     for number in range(rounds):
         in_process, chain = timed(definition, subject.seed, counted), bare_chain(subject, noted)
-        kinds = [False, True] if secure else [False]
-        if number % 2:  # the two take turns at being first: a machine's speed changes with time
+        kinds = [_AS_IT_IS, *([_SECURED] if secure else []), *([_TOGETHER] if together else [])]
+        if number % 2:  # they take turns at being first: a machine's speed changes with time
             kinds.reverse()
-        cells = {kind: distributed(subject, noted, secure=kind) for kind in kinds}
-        measured.append(Round(in_process, chain, cells[False], cells.get(True)))
+        cells = {kind: distributed(subject, noted, kind) for kind in kinds}
+        measured.append(Round(in_process, chain, cells[_AS_IT_IS], cells.get(_SECURED), cells.get(_TOGETHER)))
     return report(subject, noted, measured)
 
 
@@ -86,6 +102,10 @@ def report(subject: Subject, plan: Pattern, rounds: Sequence[Round]) -> dict[str
         figures["secured_ratio"] = cost
         figures["secured_target_ratio"] = SECURED_RATIO
         figures["secured_target_met"] = cost["median"] <= SECURED_RATIO
+    together = [trial.together_s for trial in rounds if trial.together_s is not None]
+    if together:
+        figures["together_us"] = each(together, decisions)
+        figures["together_decisions_per_s"] = spread([decisions / seconds for seconds in together])
     return figures
 
 
@@ -103,13 +123,10 @@ def bare_chain(subject: Subject, plan: Pattern) -> ChainTimes:
             session.close()  # type: ignore[no-untyped-call]
 
 
-def distributed(subject: Subject, plan: Pattern, *, secure: bool = False) -> float:
-    """Run a cell and return the time [s] from the end of its first episode to the end of its last.
-
-    With ``secure``, it has certificates, made for it alone.
-    """
+def distributed(subject: Subject, plan: Pattern, kind: Kind) -> float:
+    """Run a cell and return the time [s] from the end of its first episode to the end of its last."""
     episodes = len(plan.summaries) + 1
-    with measured_cell(subject.plan(episodes), secure=secure) as measured:
+    with measured_cell(subject.plan(episodes, together=kind.together), secure=kind.secure) as measured:
         measured.wait(episodes)
         ran = measured.cell.plan.run
     if tuple(measured.summaries[1:]) != plan.summaries:

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
+from services.bus.room import Room
 from services.bus.service import Options
 from services.bus.session import DEFAULT_ENDPOINT, DEFAULT_SECURE_ENDPOINT
 from services.bus.turns import ask_for_short_turns
@@ -79,14 +80,14 @@ def add_certs(command: argparse.ArgumentParser) -> None:
     )
 
 
-def options(arguments: argparse.Namespace) -> Options:
-    """Return the shared options of parsed arguments."""
+def options(arguments: argparse.Namespace, room: Room | None = None) -> Options:
+    """Return the shared options of parsed arguments, for a service in a process of its own or in a ``room``."""
     told = [word.strip() for word in os.environ.get(CONNECT, "").split(",") if word.strip()]
     usual = DEFAULT_ENDPOINT if arguments.certs is None else DEFAULT_SECURE_ENDPOINT
     connect = tuple(arguments.connect or told or (usual,))
     fleet = getattr(arguments, "fleet", None)  # not an option of clients
     timeout_s = CLIENT_WAITS_S if arguments.connect_timeout is None else arguments.connect_timeout
-    return Options(arguments.cell, connect, timeout_s, arguments.certs, fleet)
+    return Options(arguments.cell, connect, timeout_s, arguments.certs, fleet, room)
 
 
 def die_with_parent() -> None:

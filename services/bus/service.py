@@ -29,6 +29,7 @@ from services.bus.inbox import Inbox
 from services.bus.publishing import Publishing
 from services.bus.rights import Rights
 from services.bus.roles import Roles, take_role
+from services.bus.room import Room
 from services.bus.session import DEFAULT_ENDPOINT, open_client
 from services.wire.codec import contract_sha256, decode, encode, encoding_of
 from services.wire.errors import (
@@ -65,6 +66,8 @@ class Options:
     """Folder with ca.pem, cert.pem and key.pem for mutual TLS; None without."""
     fleet: int | None = None
     """Number of cells, named 1 and up, in one of which this service shall stand: the first without one."""
+    room: Room | None = None
+    """The process in which this service stands with others; None for one of its own."""
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -101,6 +104,9 @@ class Service(Asking, Publishing):
     # -- life ----------------------------------------------------------------------------------------------------
 
     def __enter__(self) -> Service:
+        if self.options.room is not None:
+            self.session = self.options.room.enter(self.stop)
+            return self
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._on_signal)
         try:
@@ -120,7 +126,8 @@ class Service(Asking, Publishing):
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self.session.close()  # type: ignore[no-untyped-call]
+        if self.options.room is None:
+            self.session.close()  # type: ignore[no-untyped-call]
         for place in (self, *self._places):
             if kind is None and place.ousted is not None:
                 raise place.ousted

@@ -16,7 +16,7 @@ from services.cell.certificates import certify
 from services.cell.client import Client
 from services.cell.plan import Plan
 from services.cell.skill_transfer import give
-from services.cell.start import commands
+from services.cell.start import TOGETHER, commands
 from services.cell.supervisor import Supervisor
 from services.wire.errors import CellError
 from services.wire.keys import OPERATOR
@@ -80,7 +80,7 @@ class LocalCell:
         Raises CellError when the store does not keep the skill, StartError when a service cannot start.
         """
         for name in names or self.services:
-            if name == "task" and self.plan.skill is not None:
+            if name in ("task", TOGETHER) and self.plan.skill is not None:
                 with self.client() as client:
                     give(client, self.plan.skill, self.mind, STORE_WITHIN_S)
             self.supervisor.start(name, *self._commands[name])
@@ -109,6 +109,10 @@ class LocalCell:
         """Start again what has died and is due. Raises StartError when a service cannot start."""
         self.supervisor.check()
         self._also_mind()
+
+    def stop_task(self) -> None:
+        """Stop the task, and so the robot; and who is in one process with it."""
+        self.supervisor.stop(TOGETHER if self.plan.together else "task")
 
     def stop(self) -> list[str]:
         """Stop all processes; return the names of those that had to be killed."""

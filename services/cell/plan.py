@@ -112,6 +112,8 @@ class Plan:
     """Where ROS 2 sees the cell; None for nowhere."""
     fresh: bool
     """Whether what the run directory knows of earlier runs is forgotten."""
+    together: bool
+    """Whether task, classifier, agent and simulator are in one process."""
 
     @property
     def run(self) -> str:
@@ -145,6 +147,7 @@ def make_plan(
     viewer: Viewer | None = None,
     ros2: Graph | None = None,
     fresh: bool = False,
+    together: bool = False,
 ) -> Plan:
     """Return a plan, checked. Raises TreenailError, which names the option of ``treenail up``.
 
@@ -161,6 +164,10 @@ def make_plan(
     length = definition.episodes if episodes is None else episodes
     check_run(seed, length)
     Keys(cell)
+    if together and hardware is not None:
+        raise CellError("--together: expected the simulator, whose physics is in the same process, got other hardware")
+    if together and certs is not None:
+        raise CellError("--together: expected no --certs: each service has its own, and there is one process for four")
     if certs is not None:
         if hardware is not None and hardware.emulated:
             raise CellError("--certs: expected none with emulated hardware, which has no certificates")
@@ -194,6 +201,7 @@ def make_plan(
         viewer=viewer,
         ros2=ros2,
         fresh=fresh,
+        together=together,
     )
 
 

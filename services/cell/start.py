@@ -7,6 +7,10 @@ from collections.abc import Mapping
 from services.cell.plan import Plan
 from services.cell.ros2 import OUT
 
+TOGETHER = "together"
+"""The program in which several services stand."""
+PARTS = ("task", "classifier", "agent", "sim")
+"""Those."""
 Commands = dict[str, tuple[str, ...]]
 """Options by service, in the order in which the services are started."""
 
@@ -39,4 +43,15 @@ def commands(plan: Plan, endpoints: Mapping[str, str] | None = None) -> Commands
         services["viewer"] = (*where("viewer"), *plan.viewer.options)
     if plan.ros2 is not None:
         services[OUT] = (*where(OUT), *plan.ros2.options)
-    return services
+    return in_one_process(services, where(TOGETHER)) if plan.together else services
+
+
+def in_one_process(services: Commands, options: tuple[str, ...]) -> Commands:
+    """Return the same services, those of PARTS in one process, which has some ``options`` of its own."""
+    words = [(name, *services[name]) for name in PARTS]
+    joined = (*words[0], *(word for part in words[1:] for word in ("+", *part)))
+    return {
+        TOGETHER if name == PARTS[0] else name: (*options, *joined) if name == PARTS[0] else given
+        for name, given in services.items()
+        if name not in PARTS[1:]
+    }

@@ -25,6 +25,7 @@ OTHERS = (
     "services.sensor_jr3.emulator.__main__",
     "services.sensor_jr3.emulator.panel",
     "services.sensor_rdt.emulator.__main__",
+    "services.together.__main__",
     "treenail.tools.pfloppy.try_it",
     "experiments.bench.ft_stream",
     "experiments.chaos.tap",

@@ -218,7 +218,7 @@ def _experiment_words(definition: Path) -> tuple[str, ...]:
 
 def _tell_results_so_far(cell: LocalCell, watched: Watched, client: Client, reporter: Reporter) -> None:
     """Do the same for a run under way, whose task and so whose robot stops at once; Ctrl-C again leaves it out."""
-    cell.supervisor.stop("task")
+    cell.stop_task()
     reporter.end_live()
     if watched.experiment is None or watched.experiment.episodes_done == 0:
         return

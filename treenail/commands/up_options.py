@@ -73,6 +73,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="port of the page for browsers, 0 for a free one (default: 9090, or a free one with --viewer-port 0)",
     )
     parser.add_argument("--no-web", action="store_true", help="serve no page for browsers")
+    parser.add_argument(
+        "--together",
+        action="store_true",
+        help="task, classifier, agent and simulator in one process: faster; they die and come back as one",
+    )
     parser.add_argument("--no-viewer", action="store_true", help="run without the viewer service")
     parser.add_argument("--save", type=Path, metavar="FILE.rrd", help="let the viewer service record as well")
     parser.add_argument(
@@ -120,4 +125,5 @@ def plan_of(arguments: argparse.Namespace) -> Plan:
         viewer=viewer,
         ros2=graph if seen else None,
         fresh=arguments.fresh,
+        together=arguments.together,
     )

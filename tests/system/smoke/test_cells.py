@@ -57,6 +57,25 @@ def test_killing_every_process_in_turn_changes_nothing(
         assert f"{victim} was killed by SIGKILL; starting it again" in process.out
 
 
+def test_a_cell_whose_services_are_one_process_ends_the_same_however_often_that_is_killed(
+    up: Callable[..., Any],
+    reference: Callable[..., Digests],
+    digests_in: Callable[[Path], Digests],
+    endpoint_of: Callable[[Path], str],
+    kill_after: Callable[..., None],
+    tmp_path: Path,
+) -> None:
+    process = up(tmp_path / "A", DISTURBED, "--together")
+    endpoint = endpoint_of(tmp_path / "A")
+    assert not {"task", "sim", "classifier", "agent"} & set(process.children())
+    for victim, actions in (("together", 7), ("router", 30), ("together", 150), ("store", 20)):
+        kill_after(process, endpoint, victim, actions)
+    assert process.end() == 0, process.err
+    assert process.err == ""
+    assert digests_in(tmp_path / "A") == reference(DISTURBED)
+    assert process.out.count("together was killed by SIGKILL; starting it again") == 2
+
+
 def test_a_script_from_outside_reads_the_q_table_of_a_living_cell(
     up: Callable[..., Any], endpoint_of: Callable[[Path], str], wait_until: Callable[..., None], tmp_path: Path
 ) -> None:

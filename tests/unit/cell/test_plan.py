@@ -14,6 +14,7 @@ from services.cell.plan import Hardware, make_plan, viewer_at
 from services.cell.ros2 import Graph, RosArm
 from services.cell.start import commands
 from services.cell.ur import arm
+from services.together.__main__ import PARTS, split
 from services.wire.errors import CellError, TreenailError
 
 NAME = "chamfered-q-softmax"
@@ -36,6 +37,22 @@ def test_a_service_may_stand_at_another_router() -> None:
     services = commands(plan, {"agent": "tcp/127.0.0.1:1"})
     assert services["agent"][3] == "tcp/127.0.0.1:1"
     assert services["task"][3] == plan.endpoint
+
+
+def test_four_services_may_be_one_program_whose_words_are_theirs() -> None:
+    apart, together = (commands(make_plan(NAME, seed=3, port=7, together=joined)) for joined in (False, True))
+    assert list(together) == ["router", "store", "together"]
+    one = together["together"]
+    assert one[:4] == apart["task"][:4], "it has a session of its own"
+    assert split(one[4:]) == [[name, *apart[name]] for name in ("task", "classifier", "agent", "sim")]
+    assert set(PARTS) == {"task", "classifier", "agent", "sim"}
+
+
+def test_one_program_has_neither_certificates_nor_other_hardware(tmp_path: Path) -> None:
+    with pytest.raises(CellError, match="--together: expected the simulator"):
+        make_plan(NAME, together=True, hardware=emulated())
+    with pytest.raises(CellError, match="--together: expected no --certs"):
+        make_plan(NAME, together=True, certs=tmp_path)
 
 
 def test_a_viewer_is_started_last_and_records_where_it_is_told(tmp_path: Path) -> None:

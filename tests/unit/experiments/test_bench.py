@@ -130,7 +130,15 @@ def test_what_security_costs_is_reported_where_it_was_measured(plan: Pattern) ->
     )
     assert found["secured_ratio"] == {"median": 1.25, "min": 1.1, "max": 1.5}
     assert found["secured_target_met"] is False
-    assert "secured_ratio" not in report(Subject(NAME, SHORT, SEED), plan, [Round(timing, chain, 2.0)])
+    alone = report(Subject(NAME, SHORT, SEED), plan, [Round(timing, chain, 2.0)])
+    assert "secured_ratio" not in alone and "together_us" not in alone
+
+
+def test_a_cell_of_one_process_is_reported_beside_the_other(plan: Pattern) -> None:
+    timing, chain = Timed(plan.motions, plan.decisions, 2.0, 1.0), ChainTimes(1.0, 0.4, 0.6)
+    rounds = [Round(timing, chain, 2.0, together_s=seconds) for seconds in (1.0, 2.0, 4.0)]
+    per_s = report(Subject(NAME, SHORT, SEED), plan, rounds)["together_decisions_per_s"]
+    assert per_s == {"median": plan.decisions / 2, "min": plan.decisions / 4, "max": plan.decisions / 1}
 
 
 def _figures(value: object, name: str = "") -> Iterator[tuple[str, Mapping[str, float]]]:
