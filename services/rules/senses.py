@@ -119,6 +119,7 @@ class Senses(Freshness):
         self._still = [0] * len(_AXES)
         """Motions since a component changed."""
         self._most_still, self._most_dead = _patience(definition)
+        self._least_still = min(*self._most_still, self._most_dead)
 
     def take(self, packet: FtPacket, now_ns: int) -> Taken:
         """See Freshness."""
@@ -137,6 +138,8 @@ class Senses(Freshness):
 
     def dead(self) -> str | None:
         """Return why the sensor is not alive, or None."""
+        if max(self._still) < self._least_still:
+            return None
         still = [name for name, count, most in zip(_AXES, self._still, self._most_still, strict=True) if count >= most]
         if min(self._still) >= self._most_dead:
             still = list(_AXES)
