@@ -81,12 +81,19 @@ class Asking(Seat):
 
         return ask
 
-    def ask_later(self, name: str, kind: type[M], then: Callable[[M | Refusal | None], None], timeout_s: float) -> None:
-        """Ask a key and go on; ``then`` gets the answer in the loop, once, or None when nobody gave a good one."""
-        self.session.get(
-            self.keys.of(name),
-            to_first(kind, then, self.post),
-            consolidation=zenoh.ConsolidationMode.NONE,
-            timeout=timeout_s,
-            express=True,
+    def later_asker(
+        self, name: str, kind: type[M], timeout_s: float
+    ) -> Callable[[str, Callable[[M | Refusal | None], None]], None]:
+        """Return a function that asks a key, with parameters, and goes on.
+
+        What it is given to call gets the answer in the loop, once, or None when nobody gave a good one.
+        """
+        querier = self.session.declare_querier(
+            self.keys.of(name), consolidation=zenoh.ConsolidationMode.NONE, timeout=timeout_s, express=True
         )
+        self._declared.append(querier)
+
+        def ask(parameters: str, then: Callable[[M | Refusal | None], None]) -> None:
+            querier.get(parameters=parameters, handler=to_first(kind, then, self.post))
+
+        return ask

@@ -258,9 +258,12 @@ class FakeQuerier:
     session: FakeSession
     key: str
 
-    def get(self, *, handler: Any, payload: bytes, encoding: str) -> None:
+    def get(
+        self, *, handler: Any, parameters: str = "", payload: bytes | None = None, encoding: str | None = None
+    ) -> None:
         """Ask."""
-        self.session.get(self.key, handler, payload=payload, encoding=encoding)
+        selector = f"{self.key}?{parameters}" if parameters else self.key
+        self.session.get(selector, handler, payload=payload, encoding=encoding)
 
 
 @dataclass

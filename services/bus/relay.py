@@ -23,7 +23,7 @@ class Relay(Generic[M]):
         """``name`` is the key that is asked, and has ``timeout_s`` to answer with a message of ``kind``."""
         self._service = service
         self._name = name
-        self._kind = kind
+        self._ask = service.later_asker(name, kind, timeout_s)
         self._timeout_s = timeout_s
         self._waiting: list[Asked] = []
 
@@ -42,7 +42,7 @@ class Relay(Generic[M]):
             if asked.open:
                 self._service.answering(asked, lambda: asked.reply(make(self._good(answer))))
 
-        self._service.ask_later(f"{self._name}?{parameters}", self._kind, then, self._timeout_s)
+        self._ask(parameters, then)
 
     def close(self) -> None:
         """Refuse all that still wait, because the service stops."""
