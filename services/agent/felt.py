@@ -28,6 +28,9 @@ from services.wire.definition import FeltModel, Moves, Policy, Thompson
 
 LARGEST_N = 1e6
 """A component beyond this is no force that anything is learnt from."""
+IN_A_ROW = "in_a_row"
+"""Name in a snapshot of the insertions since the last episode that was none."""
+_MOST = 1 << 53
 
 
 class FeltLearner(Learner):
@@ -45,6 +48,7 @@ class FeltLearner(Learner):
         self._covariances[:] = np.eye(kernel.FEATURES) / learner.ridge
         self._judged = np.zeros((2, len(line_of)))
         self._flat = None if learner.search_moves == 0 else FlatFace(moves, learner)
+        self._in_a_row = 0
 
     def decide_felt(self, previous: Lesson | None, state: int, felt: Wrench, episode: int, step: int) -> int:
         """Learn from ``previous``, which led to here, and return the action to take; see ``FeelingLearner``."""
@@ -55,7 +59,7 @@ class FeltLearner(Learner):
         model, deviation = self._judge(wrench)
         if previous is not None:
             most, limit = float((model + row).max()), self._model.value_limit
-            part = self._model.gamma * self._model.follow
+            part = self._model.gamma * self._counted()
             self._follow(previous, part * min(limit, max(-limit, most)))
             row = self._row(state)
         draws = self._draws.at(episode, step)
@@ -79,8 +83,10 @@ class FeltLearner(Learner):
         else:
             told = self._fit(previous, previous.reward)
             self._follow(previous, previous.reward - told if previous.outcome == "collision" else 0.0)
+        inserted = previous.outcome == "inserted"
+        self._in_a_row = self._in_a_row + 1 if inserted else 0
         if self._flat is not None:
-            self._flat.search.finish(previous.outcome == "inserted")
+            self._flat.search.finish(inserted)
 
     def opinion(self, state: int, felt: Wrench, episode: int) -> Opinion:
         """Return what is thought of each action; see ``FeelingLearner``."""
@@ -107,15 +113,17 @@ class FeltLearner(Learner):
         halves = np.ascontiguousarray(self._covariances[:, upper[0], upper[1]])
         model = {"theta": self._theta.astype("<f8").tobytes(), "covariances": halves.astype("<f8").tobytes()}
         searched = {} if self._flat is None else self._flat.search.snapshot()
-        return {**super().snapshot(), "lines": len(self._theta), "features": kernel.FEATURES, **model, **searched}
+        shape = {"lines": len(self._theta), "features": kernel.FEATURES}
+        return {**super().snapshot(), **shape, **model, **searched, **self._streak()}
 
     def restore(self, snapshot: Mapping[str, object]) -> None:
         """Take over a ``snapshot``, to the last bit. ValueError, with nothing changed, when it does not fit.
 
         What one that searches has learnt about that is left out by one that does not; the other way round, it begins
-        to search with nothing learnt.
+        to search with nothing learnt. So it is with the insertions in a row.
         """
         table = dict(snapshot)
+        in_a_row = _count(table.pop(IN_A_ROW, 0), IN_A_ROW)
         searched = {name: table.pop(name) for name in (FOUND, TRIED) if name in table}
         shape = (table.pop("lines", None), table.pop("features", None))
         expected = self._theta.shape
@@ -133,13 +141,22 @@ class FeltLearner(Learner):
         if flat is not None and searched:
             flat.search.restore(searched)
         super().restore(table)
-        self._theta, self._covariances, self._flat = theta, covariances, flat
+        self._theta, self._covariances, self._flat, self._in_a_row = theta, covariances, flat, in_a_row
 
     def digest(self) -> str:
         """Return the SHA-256, in hex, of table and model: equal for equal memories."""
         model = self._theta.astype("<f8").tobytes() + self._covariances.astype("<f8").tobytes()
         searched = b"" if self._flat is None else b"".join(self._flat.search.snapshot().values())
-        return hashlib.sha256(super().digest().encode() + model + searched).hexdigest()
+        streak = b"".join(count.to_bytes(8, "little") for count in self._streak().values())
+        return hashlib.sha256(super().digest().encode() + model + searched + streak).hexdigest()
+
+    def _counted(self) -> float:
+        """Return the part of what is thought to follow that counts now."""
+        return self._model.follow * faded(self._model.follow_fade, self._in_a_row)
+
+    def _streak(self) -> dict[str, int]:
+        """Return the insertions in a row for a snapshot: nothing where nothing depends on them."""
+        return {IN_A_ROW: self._in_a_row} if self._model.follow_fade > 0.0 else {}
 
     def _drawn(
         self, values: NDArray[np.float64], deviation: NDArray[np.float64], episode: int, draws: np.random.Generator
@@ -203,6 +220,13 @@ def _check_reward(lesson: Lesson) -> None:
 def _check_place(episode: int, step: int) -> None:
     if episode < 0 or step < 0:
         raise ValueError(f"episode and step: expected 0 or more, got {episode} and {step}")
+
+
+def _count(value: object, name: str) -> int:
+    """Return a count from a snapshot. Raises ValueError."""
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= _MOST:
+        raise ValueError(f"snapshot: expected {name} to be 0 to {_MOST}, got {value!r}")
+    return value
 
 
 def _numbers(value: object, count: int, name: str) -> NDArray[np.float64]:

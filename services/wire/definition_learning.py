@@ -129,6 +129,9 @@ class FeltModel(Checked, frozen=True, kw_only=True, tag_field="kind", tag="felt"
     """Discount factor of the task."""
     follow: Fraction = 0.9
     """Part of what is thought to follow that the table counts on: less than all, since it is a guess of a guess."""
+    follow_fade: NotNegative = 0.0
+    """How fast that part fades while all goes well: after n insertions in a row it is follow * exp(-follow_fade * n);
+    an episode without insertion brings all of it back."""
     alpha: Annotated[float, Meta(gt=0, le=1)] = 0.3
     """Greatest learning rate of the table: of the n-th update of a value it is 1/n, between the two."""
     alpha_least: Annotated[float, Meta(gt=0, le=1)] = 0.1

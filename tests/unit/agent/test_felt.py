@@ -101,6 +101,18 @@ def test_what_follows_counts_within_its_limit() -> None:
     assert subject.values(3)[0] == 2.0
 
 
+def test_what_follows_counts_less_with_each_insertion_in_a_row_until_an_episode_fails() -> None:
+    subject = learner(settings=FeltModel(follow=0.5, follow_fade=0.1, alpha=1.0, alpha_least=1.0, value_limit=2.0))
+    counted = []
+    for outcome in ("inserted", "inserted", "collision", "inserted", "no_progress", "inserted"):
+        subject.finish_felt(Lesson(7, INSERT, 100.0, PRESSED, "inserted"))
+        subject.finish_felt(Lesson(7, INSERT, 100.0, PRESSED, outcome))
+        subject.decide_felt(Lesson(3, 0, -1.0, LEFT), 7, PRESSED, 0, 1)
+        counted.append(subject.values(3)[0])
+    in_a_row = [2, 4, 0, 2, 0, 2]
+    assert counted == pytest.approx([2.0 * 0.5 * math.exp(-0.1 * count) for count in in_a_row])
+
+
 def test_a_collision_tells_the_model_its_limit_and_the_table_the_rest() -> None:
     subject = learner(settings=FeltModel(reward_limit=20.0, alpha=1.0, ridge=1e-6))
     subject.finish_felt(Lesson(2, INSERT, -90.0, PRESSED, "collision"))
@@ -139,17 +151,34 @@ def test_the_chances_are_those_of_the_draws() -> None:
     assert chances == pytest.approx(drawn, abs=0.04)
 
 
+FADING = FeltModel(follow_fade=0.3)
+
+
+@pytest.mark.parametrize("settings", [USUAL, FADING])
 @pytest.mark.parametrize("policy", [Greedy(), Softmax(beta=1.0), Softmax(repeat=0.5), WIDE])
-def test_a_restored_learner_goes_on_bit_for_bit(policy: Policy) -> None:
-    whole, first = learner(policy), learner(policy)
+def test_a_restored_learner_goes_on_bit_for_bit(policy: Policy, settings: FeltModel) -> None:
+    whole, first = learner(policy, settings=settings), learner(policy, settings=settings)
     decided = run(whole, 10)
     assert run(first, 6) == decided[:72]
-    snapshot, second = first.snapshot(), learner(policy)
+    snapshot, second = first.snapshot(), learner(policy, settings=settings)
     second.restore(snapshot)
     assert second.digest() == first.digest()
     assert second.snapshot() == snapshot
     assert run(second, 4, 6) == decided[72:]
     assert second.digest() == whole.digest()
+
+
+def test_insertions_in_a_row_are_remembered_only_where_something_depends_on_them() -> None:
+    usual, fading = learner(), learner(settings=FADING)
+    run(usual, 3)
+    run(fading, 3)
+    assert "in_a_row" not in usual.snapshot()
+    assert fading.snapshot()["in_a_row"] == 2
+    before = usual.digest()
+    usual.restore({**usual.snapshot(), "in_a_row": 2})  # of a skill that was learnt with it
+    assert usual.digest() == before
+    fading.restore(usual.snapshot())
+    assert fading.snapshot()["in_a_row"] == 0
 
 
 def test_a_memory_is_small() -> None:
@@ -168,6 +197,10 @@ def test_a_memory_is_small() -> None:
         ("covariances", b"\0" * 8),
         ("theta", np.nan),
         ("covariances", -1.0),
+        ("in_a_row", -1),
+        ("in_a_row", True),
+        ("in_a_row", 1 << 60),
+        ("in_a_row", b"2"),
     ],
 )
 def test_a_memory_that_does_not_fit_is_refused(name: str, value: object) -> None:
