@@ -23,6 +23,12 @@ PARTS = (
     ),
     Method("no table", "nothing but the model of what a move earns at once", "learn", ("learner.follow=0.0",)),
     Method(
+        "table for ever",
+        "what follows counts as much at the end as at first",
+        "learn",
+        ("learner.follow_fade=0.0",),
+    ),
+    Method(
         "all that follows", "the table counts on all of what is thought to follow", "learn", ("learner.follow=1.0",)
     ),
     Method("no drawing", "always the best move known", "learn", ('policy={kind="greedy"}',)),

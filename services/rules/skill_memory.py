@@ -18,6 +18,7 @@ _LARGEST_VERSION = 2**53
 _AGENT = ("actions", "q", "states", "version", "visits")
 _MODEL = ("covariances", "features", "lines", "theta")
 _SEARCHED = ("search_found", "search_tried")
+_IN_A_ROW = "in_a_row"
 _MOST_FEATURES = 1000
 _WIDEST = 101
 """Most places along a side of what a search has looked at: 50 moves each way."""
@@ -29,9 +30,12 @@ Memory = Mapping[str, bytes | int]
 def check_felt(memory: Memory, moves: Moves) -> int:
     """Return the number of states in the memory of a felt learner. Raises BadPayloadError."""
     searched = any(name in memory for name in _SEARCHED)
-    _check_names(memory, (*_AGENT, *_MODEL, *(_SEARCHED if searched else ())), "agent")
+    in_a_row = (_IN_A_ROW,) if _IN_A_ROW in memory else ()
+    _check_names(memory, (*_AGENT, *_MODEL, *(_SEARCHED if searched else ()), *in_a_row), "agent")
     if searched:
         _check_searched(memory)
+    if in_a_row and number(memory, _IN_A_ROW) > _LARGEST_VERSION:
+        raise BadPayloadError(f"skill: agent: expected {_IN_A_ROW} up to {_LARGEST_VERSION}, got more")
     lines, features = 1 + max(lines_of(moves)[0]), number(memory, "features")
     if number(memory, "lines") != lines or not 0 < features <= _MOST_FEATURES:
         raise BadPayloadError(f"skill: agent: expected a model of {lines} lines, got another")

@@ -295,9 +295,17 @@ def test_a_skill_of_it_fits_what_feels_the_same_only() -> None:
 def test_a_memory_that_no_learner_can_have_is_no_skill() -> None:
     run = InProcessRun(load("suite-round"), 22)
     list(run.episodes(1))
-    skill = run.learnt().skill
+    skill = skill_file.parse(skill_file.file_bytes(run.learnt())).skill
+    assert skill.agent["in_a_row"] == 1
     size = len(skill.agent["theta"])  # type: ignore[arg-type]
-    for change in ({"theta": b""}, {"theta": np.full(size // 8, np.inf).tobytes()}, {"lines": 2}, {"features": 0}):
+    for change in (
+        {"theta": b""},
+        {"theta": np.full(size // 8, np.inf).tobytes()},
+        {"lines": 2},
+        {"features": 0},
+        {"in_a_row": -1},
+        {"in_a_row": 1 << 60},
+    ):
         broken = replace(skill, agent={**skill.agent, **change})
         with pytest.raises(TreenailError, match="skill: "):
             skill_file.parse(skill_file.file_bytes(skill_file.named(broken)))
