@@ -21,7 +21,7 @@ from experiments.lab import result_files
 from services.cell.stored import LISTED, Stored, StoredRun, chosen, run_named, runs
 from services.rules.results import Summary, episodes_digest
 from services.wire.definition import Definition
-from services.wire.definition_file import load, run_id_of
+from services.wire.definition_file import load, run_id_of, seed_of
 from services.wire.errors import CellError, DivergedError
 from services.wire.messages import EpisodeSummary, JournalEpisode
 
@@ -69,7 +69,7 @@ def _in_file(places: Sequence[Stored], seed: int | None, name: str | None) -> St
     known = [run for stored in places for run in runs(stored)]
     if name is not None or len(known) < 2:
         return chosen(places, name)
-    of_seed = [run for run in known if f"{run.name}-".partition("-")[2].startswith(f"s{seed}-")]
+    of_seed = [run for run in known if seed is not None and seed_of(run.name) == seed]
     if len(of_seed) == 1:
         return of_seed[0]
     if seed is not None and not of_seed:

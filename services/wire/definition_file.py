@@ -28,6 +28,7 @@ _TABLE = re.compile(r"^\s*\[\[?([A-Za-z0-9_.\s]+)\]")
 _KEY = re.compile(r"^\s*([A-Za-z0-9_.]+)\s*=")
 _AT = re.compile(r"^(?P<what>.*?)(?: - at `\$\.?(?P<path>[^`]*)`)?$", re.DOTALL)
 _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`", re.DOTALL)
+_RUN = re.compile(r"[0-9a-f]{16}-s(?P<seed>[0-9]{1,19})(?:-k[0-9a-f]{16})?")
 _MAX_FILE_BYTES = 65_536
 _LATER: Mapping[str, object] = {
     "limits.truncation": "terminal",
@@ -203,6 +204,12 @@ def run_id(definition: Definition, seed: int, skill_sha256: str | None = None) -
 def run_id_of(sha256: str, seed: int, skill_sha256: str | None = None) -> str:
     """Return the name of the run of a definition known by its hash."""
     return f"{sha256[:16]}-s{seed}" + ("" if skill_sha256 is None else f"-k{skill_sha256[:16]}")
+
+
+def seed_of(run: str) -> int | None:
+    """Return the seed of the run of that name; None of a name that ``run_id`` does not give."""
+    named = _RUN.fullmatch(run)
+    return None if named is None else int(named["seed"])
 
 
 def _toml(text: str, source: str) -> dict[str, object]:

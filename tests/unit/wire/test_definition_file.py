@@ -31,7 +31,7 @@ from services.wire.definition import (
     Softmax,
     Start,
 )
-from services.wire.definition_file import _LATER, definition_sha256, find, load, run_id, shipped
+from services.wire.definition_file import _LATER, definition_sha256, find, load, run_id, seed_of, shipped
 from services.wire.errors import DefinitionError
 
 Write = Callable[[str], str]
@@ -472,6 +472,8 @@ def test_a_run_is_named_by_definition_and_seed() -> None:
     assert run_id(definition, 12) == f"{definition_sha256(definition)[:16]}-s12"
     other = Definition(name="mine", start=Start(x_mm=1.7))
     assert len({run_id(one, seed) for one in (definition, other) for seed in (0, 1, 10)}) == 6
+    assert [seed_of(run_id(definition, 12)), seed_of(run_id(definition, 2**63 - 1, "ab" * 32))] == [12, 2**63 - 1]
+    assert [seed_of(name) for name in ("", "lab-s5", "2adc2fda3e14bee3-s5-more", "2adc2fda3e14bee3-s5x")] == [None] * 4
 
 
 def test_a_run_from_before_truncation_could_be_chosen_keeps_its_name() -> None:
