@@ -134,7 +134,7 @@ class Watched:
                 if (experiment := _experiment(client)) is not None:
                     self._note(experiment)
                     waits = self.phase.startswith(WAITING)
-                    self._others = client.ask_all(wild(ALIVE), Alive) if waits else []
+                    self._others = others(client) if waits else []
             self._reporter.show(self._cell.supervisor.alive(), self.phase_in_full)
         self._drain(arrived)
         self._reporter.show(self._cell.supervisor.alive(), self.phase, now=True)
@@ -167,6 +167,15 @@ class Watched:
                 summary = arrived.get_nowait()
         except queue.Empty:
             return
+
+
+def others(client: Client) -> list[Alive]:
+    """Return what the services say of themselves; one that is too busy with starting to answer is left out."""
+    samples, _ = client.replies(wild(ALIVE), POLL_S)
+    try:
+        return [client.message(sample, Alive) for sample in samples]
+    except ContractError:
+        return []  # the task will say so, or who started that service
 
 
 def _experiment(client: Client) -> Experiment | None:
