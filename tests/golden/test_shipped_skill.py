@@ -12,7 +12,8 @@ from services.wire.definition_file import load
 
 ROOT = Path(__file__).resolve().parents[2]
 RECIPE = re.compile(
-    r"^skill: setup .*\n\t\S+/treenail experiment run (\S+) --episodes (\d+) --seed-list (\d+) --out (\S+) --force\n"
+    r"^skill: setup .*\n"
+    r"\t\S+/treenail experiment run (\S+) --set (\S+) --episodes (\d+) --seed-list (\d+) --out (\S+) --force\n"
     r"\tcp (\S+) (\S+)\n",
     re.MULTILINE,
 )
@@ -20,7 +21,7 @@ RECIPE = re.compile(
 
 def test_it_is_learnt_again_to_the_same_bytes() -> None:
     (recipe,) = RECIPE.findall((ROOT / "Makefile").read_text(encoding="utf-8"))
-    name, episodes, seed, out, made, kept = recipe
+    name, setting, episodes, seed, out, made, kept = recipe
     assert (made, ROOT / kept) == (f"{out}/seed{seed}.skill", FILE)
-    learnt = run_seed(load(name), int(seed), int(episodes), lambda _: None).skill
+    learnt = run_seed(load(name, (setting,)), int(seed), int(episodes), lambda _: None).skill
     assert file_bytes(learnt) == file_bytes(builtin()), "`make skill` makes it again"
