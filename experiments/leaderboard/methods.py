@@ -12,7 +12,7 @@ from services.rules.shipped_skill import for_task, named_or_file
 from services.rules.skill import NamedSkill
 from services.wire.definition import Definition
 from services.wire.definition_file import with_overrides
-from services.wire.errors import TreenailError
+from services.wire.errors import DefinitionError, TreenailError
 
 Kind = Literal["learn", "play", "frozen", "oracle", "taught"]
 """Learns from nothing; is played by a controller; is a skill that learns no more; is searched for; is a controller that
@@ -129,8 +129,12 @@ def beginning_with(what: str) -> Method:
 
 
 def changed(definition: Definition, method: Method) -> Definition:
-    """Return a task's definition as a method has it. Raises DefinitionError."""
-    return variant(definition, method.overrides, f"{definition.name}, {method.name}", method.plain)
+    """Return a task's definition as a method has it. Raises DefinitionError, also where it is so without the method."""
+    what = f"{definition.name}, {method.name}"
+    made = variant(definition, method.overrides, what, method.plain)
+    if made == definition and (method.overrides or method.plain):
+        raise DefinitionError(f"{what}: expected a task that it changes something of, got one that is so already")
+    return made
 
 
 def learnt_before(definition: Definition, method: Method) -> NamedSkill | None:
