@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from services.agent import felt_kernel as kernel
-from services.agent.learning import Learner
+from services.agent.learning import Learner, whole_number
 from services.agent.policies import best_chances, choose, faded, probabilities
 from services.agent.search import FOUND, TRIED, FlatFace
 from services.rules.plugins import Lesson, Opinion
@@ -123,7 +123,9 @@ class FeltLearner(Learner):
         to search with nothing learnt. So it is with the insertions in a row.
         """
         table = dict(snapshot)
-        in_a_row = _count(table.pop(IN_A_ROW, 0), IN_A_ROW)
+        in_a_row = whole_number({IN_A_ROW: table.pop(IN_A_ROW, 0)}, IN_A_ROW)
+        if in_a_row > _MOST:
+            raise ValueError(f"snapshot: expected {IN_A_ROW} up to {_MOST}, got {in_a_row}")
         searched = {name: table.pop(name) for name in (FOUND, TRIED) if name in table}
         shape = (table.pop("lines", None), table.pop("features", None))
         expected = self._theta.shape
@@ -220,13 +222,6 @@ def _check_reward(lesson: Lesson) -> None:
 def _check_place(episode: int, step: int) -> None:
     if episode < 0 or step < 0:
         raise ValueError(f"episode and step: expected 0 or more, got {episode} and {step}")
-
-
-def _count(value: object, name: str) -> int:
-    """Return a count from a snapshot. Raises ValueError."""
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value <= _MOST:
-        raise ValueError(f"snapshot: expected {name} to be 0 to {_MOST}, got {value!r}")
-    return value
 
 
 def _numbers(value: object, count: int, name: str) -> NDArray[np.float64]:

@@ -201,7 +201,7 @@ class Learner:
         expected = {"actions", "states", "version", "q", "visits"}
         if set(snapshot) != expected:
             raise ValueError(f"snapshot: expected the fields {sorted(expected)}, got {sorted(snapshot)}")
-        actions, states, version = (_count(snapshot, name) for name in ("actions", "states", "version"))
+        actions, states, version = (whole_number(snapshot, name) for name in ("actions", "states", "version"))
         if actions != self.actions:
             raise ValueError(f"snapshot: expected {self.actions} actions, got {actions}")
         if states > MAX_STATES:
@@ -270,8 +270,8 @@ def _check_time(episode: int, step: int) -> None:
         raise ValueError(f"episode and step: expected 0 or more, got {episode} and {step}")
 
 
-def _count(snapshot: Mapping[str, object], name: str) -> int:
-    """Return a whole number of 0 or more from a snapshot."""
+def whole_number(snapshot: Mapping[str, object], name: str) -> int:
+    """Return a whole number of 0 or more from a snapshot. Raises ValueError."""
     value = snapshot[name]
     if not isinstance(value, int) or isinstance(value, bool) or value < 0:
         raise ValueError(f"snapshot: expected {name} to be a whole number of 0 or more, got {value!r}")

@@ -55,6 +55,8 @@ class LocalCell:
         self.plan = plan
         self.supervisor = Supervisor(plan.logs, notify, environment or {}, plan.certs)
         self._commands = commands(plan, endpoints)
+        self._task = TOGETHER if plan.together else "task"
+        """The process that the task is in."""
         for name, more in (options or {}).items():
             self._commands[name] += tuple(more)
         self._also_mind = also_mind
@@ -80,7 +82,7 @@ class LocalCell:
         Raises CellError when the store does not keep the skill, StartError when a service cannot start.
         """
         for name in names or self.services:
-            if name in ("task", TOGETHER) and self.plan.skill is not None:
+            if name == self._task and self.plan.skill is not None:
                 with self.client() as client:
                     give(client, self.plan.skill, self.mind, STORE_WITHIN_S)
             self.supervisor.start(name, *self._commands[name])
@@ -112,7 +114,7 @@ class LocalCell:
 
     def stop_task(self) -> None:
         """Stop the task, and so the robot; and who is in one process with it."""
-        self.supervisor.stop(TOGETHER if self.plan.together else "task")
+        self.supervisor.stop(self._task)
 
     def stop(self) -> list[str]:
         """Stop all processes; return the names of those that had to be killed."""
