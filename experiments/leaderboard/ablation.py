@@ -28,6 +28,7 @@ PARTS = (
         "learn",
         ("learner.follow_fade=0.0",),
     ),
+    Method("free return", "to be back where it was costs nothing", "learn", ("learner.revisit=0.0",)),
     Method(
         "all that follows", "the table counts on all of what is thought to follow", "learn", ("learner.follow=1.0",)
     ),

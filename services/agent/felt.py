@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from services.agent import felt_kernel as kernel
 from services.agent.learning import Learner, whole_number
+from services.agent.places import Places
 from services.agent.policies import best_chances, choose, faded, probabilities
 from services.agent.search import FOUND, TRIED, FlatFace
 from services.rules.plugins import Lesson, Opinion
@@ -48,6 +49,7 @@ class FeltLearner(Learner):
         self._covariances[:] = np.eye(kernel.FEATURES) / learner.ridge
         self._judged = np.zeros((2, len(line_of)))
         self._flat = None if learner.search_moves == 0 else FlatFace(moves, learner)
+        self._places = None if learner.revisit == 0.0 else Places(moves)
         self._in_a_row = 0
 
     def decide_felt(self, previous: Lesson | None, state: int, felt: Wrench, episode: int, step: int) -> int:
@@ -63,13 +65,20 @@ class FeltLearner(Learner):
             self._follow(previous, part * min(limit, max(-limit, most)))
             row = self._row(state)
         draws = self._draws.at(episode, step)
-        values = self._drawn(model + row, deviation, episode, draws)
+        worth = model + row
+        if self._places is not None:
+            worth -= self._model.revisit * self._places.ahead(episode)
+        values = self._drawn(worth, deviation, episode, draws)
         if isinstance(self._policy, Thompson):
             action = int(values.argmax())
         else:
             action = choose(values.tolist(), self._policy, self.episodes_before + episode, draws.random())
         action = self._or_again(action, None if previous is None else previous.action, episode, draws)
-        return action if self._flat is None else self._flat.decide(action, values, felt, episode)
+        if self._flat is not None:
+            action = self._flat.decide(action, values, felt, episode)
+        if self._places is not None:
+            self._places.took(action)
+        return action
 
     def finish_felt(self, previous: Lesson) -> None:
         """Learn from the last decision of an episode; see ``FeelingLearner``.
@@ -143,6 +152,7 @@ class FeltLearner(Learner):
         if flat is not None and searched:
             flat.search.restore(searched)
         super().restore(table)
+        self._places = None if self._places is None else Places(self._moves)
         self._theta, self._covariances, self._flat, self._in_a_row = theta, covariances, flat, in_a_row
 
     def digest(self) -> str:
@@ -154,7 +164,8 @@ class FeltLearner(Learner):
 
     def _counted(self) -> float:
         """Return the part of what is thought to follow that counts now."""
-        return self._model.follow * faded(self._model.follow_fade, self._in_a_row)
+        least = self._model.follow_least
+        return self._model.follow * (least + (1.0 - least) * faded(self._model.follow_fade, self._in_a_row))
 
     def _streak(self) -> dict[str, int]:
         """Return the insertions in a row for a snapshot: nothing where nothing depends on them."""

@@ -60,6 +60,8 @@ _LATER: Mapping[str, object] = {
     "moves.continuous": msgspec.to_builtins(Continuous()),
     "learner.trace": 0.0,
     "learner.follow_fade": 0.0,
+    "learner.follow_least": 0.0,
+    "learner.revisit": 0.0,
     "learner.search_moves": 0,
     "learner.search_cone": 0.35,
     "learner.search_press_n": 1.0,

@@ -130,8 +130,13 @@ class FeltModel(Checked, frozen=True, kw_only=True, tag_field="kind", tag="felt"
     follow: Fraction = 0.9
     """Part of what is thought to follow that the table counts on: less than all, since it is a guess of a guess."""
     follow_fade: NotNegative = 0.0
-    """How fast that part fades while all goes well: after n insertions in a row it is follow * exp(-follow_fade * n);
-    an episode without insertion brings all of it back."""
+    """How fast that part fades while all goes well: after n insertions in a row it is follow * (follow_least + (1 -
+    follow_least) * exp(-follow_fade * n)); an episode without insertion brings all of it back."""
+    follow_least: Fraction = 0.0
+    """What of it never fades."""
+    revisit: Annotated[float, Meta(ge=0, le=1000)] = 0.0
+    """How much less a move is taken to be worth for each earlier visit, in the same episode, of the place that it leads
+    to: by dead reckoning over the learner's own moves. 0 for none."""
     alpha: Annotated[float, Meta(gt=0, le=1)] = 0.3
     """Greatest learning rate of the table: of the n-th update of a value it is 1/n, between the two."""
     alpha_least: Annotated[float, Meta(gt=0, le=1)] = 0.1

@@ -113,6 +113,34 @@ def test_what_follows_counts_less_with_each_insertion_in_a_row_until_an_episode_
     assert counted == pytest.approx([2.0 * 0.5 * math.exp(-0.1 * count) for count in in_a_row])
 
 
+def test_a_part_of_what_follows_never_fades() -> None:
+    settings = FeltModel(follow=0.5, follow_fade=0.1, follow_least=0.4, alpha=1.0, alpha_least=1.0, value_limit=2.0)
+    subject, counted = learner(settings=settings), []
+    for _ in range(60):
+        subject.finish_felt(Lesson(7, INSERT, 100.0, PRESSED, "inserted"))
+        subject.decide_felt(Lesson(3, 0, -1.0, LEFT), 7, PRESSED, 0, 1)
+        counted.append(subject.values(3)[0])
+    assert counted == pytest.approx([2.0 * 0.5 * (0.4 + 0.6 * math.exp(-0.1 * count)) for count in range(1, 61)])
+
+
+def test_a_move_that_leads_back_is_worth_less() -> None:
+    subject = learner(Greedy(), settings=FeltModel(revisit=5.0))
+    for _ in range(400):
+        for action in range(9):
+            subject.finish_felt(Lesson(0, action, {0: 3.0, 2: 1.0}.get(action, -1.0), LEFT, "inserted"))
+    assert {subject.decide_felt(None, 0, LEFT, 0, step) for step in range(20)} == {0}  # always further: nothing to pay
+    for _ in range(400):
+        subject.finish_felt(Lesson(0, 1, 2.9, PRESSED, "inserted"))
+    there, back = subject.decide_felt(None, 0, LEFT, 1, 0), subject.decide_felt(None, 0, PRESSED, 1, 1)
+    assert (there, back) == (0, 1)  # the start is no place that it came to
+    assert subject.decide_felt(None, 0, LEFT, 1, 2) == 2  # there it was
+    assert subject.decide_felt(None, 0, LEFT, 2, 0) == 0  # but in another episode
+    before = subject.snapshot()
+    subject.restore(before)
+    assert subject.decide_felt(None, 0, LEFT, 2, 0) == 0  # an episode that is begun again
+    assert subject.opinion(0, LEFT, 2).values == pytest.approx(subject.opinion(0, LEFT, 3).values)
+
+
 def test_a_collision_tells_the_model_its_limit_and_the_table_the_rest() -> None:
     subject = learner(settings=FeltModel(reward_limit=20.0, alpha=1.0, ridge=1e-6))
     subject.finish_felt(Lesson(2, INSERT, -90.0, PRESSED, "collision"))
@@ -154,7 +182,7 @@ def test_the_chances_are_those_of_the_draws() -> None:
 FADING = FeltModel(follow_fade=0.3)
 
 
-@pytest.mark.parametrize("settings", [USUAL, FADING])
+@pytest.mark.parametrize("settings", [USUAL, FADING, FeltModel(revisit=0.5)])
 @pytest.mark.parametrize("policy", [Greedy(), Softmax(beta=1.0), Softmax(repeat=0.5), WIDE])
 def test_a_restored_learner_goes_on_bit_for_bit(policy: Policy, settings: FeltModel) -> None:
     whole, first = learner(policy, settings=settings), learner(policy, settings=settings)
