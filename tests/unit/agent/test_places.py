@@ -58,9 +58,9 @@ def test_moves_of_any_size_and_in_several_axes_add_up() -> None:
 @given(st.lists(st.integers(0, 10), max_size=60))
 def test_visits_are_those_of_the_sums_of_moves(made: list[int]) -> None:
     moves = Moves(actions=11)
-    places, came_to = Places(moves), []
+    places, came_to = Places(moves), list[tuple[int, ...]]()
     steps = [tuple(round(10_000 * part) for part in step) for step in increments(moves)]
-    here = (0,) * 6
+    here: tuple[int, ...] = (0,) * 6
     places.ahead(0)
     for action in made:
         places.took(action)
