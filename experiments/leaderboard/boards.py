@@ -43,6 +43,10 @@ class Wanted(NamedTuple):
             self.baseline_episodes or baseline,
         )
 
+    def varied(self) -> tuple[Method, ...]:
+        """Return the task's learner with other settings, as they were asked for."""
+        return tuple(Method(name, " ".join(overrides), "learn", tuple(overrides)) for name, *overrides in self.variants)
+
     def usual(self) -> Length:
         """Return the leaderboard's own."""
         return self.length(plan.SEEDS, plan.QUICK_SEEDS, plan.EPISODES, plan.QUICK_EPISODES)
@@ -50,8 +54,7 @@ class Wanted(NamedTuple):
 
 def _learning(wanted: Wanted) -> Plan:
     length = wanted.usual()
-    variants = (Method(name, " ".join(overrides), "learn", tuple(overrides)) for name, *overrides in wanted.variants)
-    some = (*methods(wanted.methods), *variants, *map(beginning_with, wanted.skills))
+    some = (*methods(wanted.methods), *wanted.varied(), *map(beginning_with, wanted.skills))
     entries = plan.entries(tasks(wanted.tasks, wanted.quick), some, length)
     return lambda folder, spread, reporter: learning.make(
         learning.LEADERBOARD, entries, length, folder, spread, reporter
@@ -71,14 +74,15 @@ def _transfer(wanted: Wanted) -> Plan:
     if wanted.tasks is not None:
         raise TreenailError("--tasks: expected none with --transfer, which has cases of its own")
     chosen, length = methods(wanted.methods or [TREENAIL]), wanted.usual()
-    some = tuple(method for method in chosen if method.kind in ("learn", "play"))
+    some = (*(method for method in chosen if method.kind in ("learn", "play")), *wanted.varied())
     return lambda folder, spread, reporter: transfer.make(some, length, folder, spread, reporter)
 
 
 def _long(wanted: Wanted) -> Plan:
     length = wanted.length(lasting.SEEDS, lasting.QUICK_SEEDS, lasting.EPISODES, lasting.EPISODES)
     chosen = wanted.tasks or ([QUICK[0], f"{CHANGING}*"] if wanted.quick else ["suite-*"])
-    some = tuple(method for method in methods(wanted.methods or [TREENAIL]) if method.kind == "learn")
+    chosen_methods = methods(wanted.methods or [TREENAIL])
+    some = (*(method for method in chosen_methods if method.kind == "learn"), *wanted.varied())
     entries = plan.entries(tasks(chosen), some, length)
     return lambda folder, spread, reporter: lasting.make(entries, length, folder, spread, reporter)
 

@@ -57,7 +57,7 @@ def _act(arguments: argparse.Namespace) -> None:
     )
     if arguments.skill and arguments.board is not None:
         raise TreenailError(f"--skill: expected no --{arguments.board} with it, which begins with nothing learnt")
-    if arguments.variant and arguments.board is not None:
+    if arguments.variant and arguments.board in ("ablation", "rivals"):
         raise TreenailError(f"--variant: expected no --{arguments.board} with it, whose methods are others")
     make = boards.BOARDS[arguments.board or "learning"]
     with reporter() as report:
@@ -87,7 +87,7 @@ def _spread(arguments: argparse.Namespace, report: Reporter) -> Spread:
 
 def _parser() -> Parser:
     parser = Parser(prog=PROGRAM, description=__doc__, epilog=ABOUT)
-    parser.add_argument("--quick", action="store_true", help="a quarter of an hour: fewer tasks and seeds, short runs")
+    parser.add_argument("--quick", action="store_true", help="minutes: fewer tasks and seeds, short runs")
     which = parser.add_mutually_exclusive_group()
     for board, said in BOARDS.items():
         which.add_argument(f"--{board}", dest="board", action="store_const", const=board, help=said)

@@ -84,6 +84,16 @@ def test_a_skill_is_tried_where_it_was_not_learnt(tmp_path: Path, monkeypatch: p
     assert again == rows
 
 
+def test_the_learner_with_other_settings_is_tried_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(transfer, "CASES", CASES[:1])
+    bold = Wanted(seeds=(100,), episodes=3, baseline_episodes=1, variants=(("bold", "policy.width=2.0"),))
+    rows = run("transfer", bold, tmp_path / "transfer")
+    assert set(rows) == {f"as learnt, {name}" for name in (TREENAIL, "bold", *RULES)}
+    assert rows["as learnt, bold"]["figures"] != rows["as learnt, treenail"]["figures"]
+    rows = run("long", bold._replace(tasks=["suite-round"]), tmp_path / "long")
+    assert set(rows) == {"suite-round, treenail", "suite-round, bold"}
+
+
 def test_a_learnt_skill_fits_every_case(tmp_path: Path) -> None:
     job = transfer._learn(LEARNER, 100, 1)
     folder, done = Folder(tmp_path, lambda _: None), work(order(job), lambda _: True)
