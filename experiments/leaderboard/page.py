@@ -50,7 +50,9 @@ def page(title: str, how: str, facts: Mapping[str, str], board: Board, pictures:
     parts = [f"# {title}", how, "\n".join(f"- {label}: {text}" for label, text in facts.items())]
     if verdicts:
         met = sum(not row["verdict"].startswith("missed") for row in verdicts)
-        parts += [f"## What was aimed at\n\n`{TREENAIL}` meets {met} of {len(verdicts)} targets.", _targets(verdicts)]
+        why = "" if met == len(verdicts) else " Why the others are missed stands in Treenail's `docs/learning.md`."
+        told_of = f"`{TREENAIL}` meets {met} of {len(verdicts)} targets.{why}"
+        parts += [f"## What was aimed at\n\n{told_of}", _targets(verdicts)]
     parts += [f"![{name.removesuffix('.png').replace('-', ', ')}]({name})" for name in pictures]
     parts += ["## The tasks", *(_task(task, board) for task in board.tasks)]
     parts += ["## The methods, and what each was told", TOLD_HEAD, methods(board.methods)]
