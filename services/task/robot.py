@@ -126,10 +126,11 @@ class Robot:
             answer = self._ask(motion)
             if not isinstance(answer, Moved):
                 return False
+            # No faster than it is felt: a robot whose samples come late takes its sensor for dead.
+            felt = self._feel(answer.arrived_t_ns)
+            if felt is None:
+                return False
             if self._tares and isinstance(motion, Home):
-                felt = self._feel(answer.arrived_t_ns)
-                if felt is None:
-                    return False
                 self._tare_again(felt)
         return True
 
