@@ -9,7 +9,7 @@ from typing import NamedTuple, TypeAlias
 from experiments.lab.progress import Reporter
 from experiments.leaderboard import ablation, lasting, learning, plan, rivals, transfer
 from experiments.leaderboard.folder import Folder
-from experiments.leaderboard.methods import TREENAIL, Method, beginning_with, methods
+from experiments.leaderboard.methods import TREENAIL, Kind, Method, beginning_with, methods
 from experiments.leaderboard.plan import Length
 from experiments.leaderboard.runner import Spread
 from experiments.leaderboard.suite import CHANGING, QUICK, tasks
@@ -47,6 +47,11 @@ class Wanted(NamedTuple):
         """Return the task's learner with other settings, as they were asked for."""
         return tuple(Method(name, " ".join(overrides), "learn", tuple(overrides)) for name, *overrides in self.variants)
 
+    def learners(self, *others: Kind) -> tuple[Method, ...]:
+        """Return the methods asked for, Treenail's own if none is, that learn or are of ``others``, and ``varied``."""
+        chosen = methods(self.methods or [TREENAIL])
+        return (*(method for method in chosen if method.kind in ("learn", *others)), *self.varied())
+
     def usual(self) -> Length:
         """Return the leaderboard's own."""
         return self.length(plan.SEEDS, plan.QUICK_SEEDS, plan.EPISODES, plan.QUICK_EPISODES)
@@ -73,17 +78,14 @@ def _ablation(wanted: Wanted) -> Plan:
 def _transfer(wanted: Wanted) -> Plan:
     if wanted.tasks is not None:
         raise TreenailError("--tasks: expected none with --transfer, which has cases of its own")
-    chosen, length = methods(wanted.methods or [TREENAIL]), wanted.usual()
-    some = (*(method for method in chosen if method.kind in ("learn", "play")), *wanted.varied())
+    some, length = wanted.learners("play"), wanted.usual()
     return lambda folder, spread, reporter: transfer.make(some, length, folder, spread, reporter)
 
 
 def _long(wanted: Wanted) -> Plan:
     length = wanted.length(lasting.SEEDS, lasting.QUICK_SEEDS, lasting.EPISODES, lasting.EPISODES)
     chosen = wanted.tasks or ([QUICK[0], f"{CHANGING}*"] if wanted.quick else ["suite-*"])
-    chosen_methods = methods(wanted.methods or [TREENAIL])
-    some = (*(method for method in chosen_methods if method.kind == "learn"), *wanted.varied())
-    entries = plan.entries(tasks(chosen), some, length)
+    entries = plan.entries(tasks(chosen), wanted.learners(), length)
     return lambda folder, spread, reporter: lasting.make(entries, length, folder, spread, reporter)
 
 
