@@ -47,7 +47,7 @@ class SensorShell:
     def __init__(self, service: Service, settings: Settings) -> None:
         self._service, self._settings = service, settings
         self._pace = pace_of(settings.rate_hz)
-        self._publish = service.publisher(FT, FtPacket)
+        self._publish = service.series_publisher(FT, FtPacket)
         # The time of day, but never set back and without jumps.
         self._ahead_ns = time.time_ns() - time.monotonic_ns()
         self._sequence = 0
@@ -104,8 +104,7 @@ class SensorShell:
             self._follow(card, driver, stream)
         finally:
             # What is told of a lost sensor comes after all that was felt.
-            for packet in stream.flush():
-                self._publish(packet)
+            self._publish(stream.flush())
             self._sequence, self._t_ns, self._loads = stream.sequence, stream.t_ns, stream.loads
 
     def _follow(self, card: Card, driver: Driver, stream: Stream) -> None:
@@ -120,8 +119,7 @@ class SensorShell:
                 driver.check()
                 raise NoCardError("card: expected samples, got FFFF, which is what an empty bus reads")
             taken, lost = stream.taken, stream.lost
-            for packet in stream.take(collected, began_ns):
-                self._publish(packet)
+            self._publish(stream.take(collected, began_ns))
             self._count(stream.taken - taken, stream.lost - lost)
             now = time.monotonic()
             if collected.samples:
@@ -166,11 +164,10 @@ class SensorShell:
         self._sequence = max(self._sequence + 1, now_ns // self._pace.period_ns)
         self._t_ns = max(self._t_ns + 1, now_ns)
         force_n, torque_nm = self._loads
-        self._publish(
-            FtPacket(
-                sequence=self._sequence, t_ns=self._t_ns, status=status, force_n=(force_n,), torque_nm=(torque_nm,)
-            )
+        packet = FtPacket(
+            sequence=self._sequence, t_ns=self._t_ns, status=status, force_n=(force_n,), torque_nm=(torque_nm,)
         )
+        self._publish((packet,))
 
     def _now_ns(self) -> int:
         return time.monotonic_ns() + self._ahead_ns

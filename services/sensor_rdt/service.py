@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from itertools import chain, islice
 
 from services.bus.opening import Opening
 from services.bus.service import Options, Service
 from services.sensor_rdt.box import Box, calibrated
 from services.sensor_rdt.calibration import Calibration
 from services.sensor_rdt.errors import BoxError, RebootedError, SilentError
-from services.sensor_rdt.records import BIAS, CHANGED, FILTER, LOST, NOT_ZEROED, RATE, STOP, STREAM
+from services.sensor_rdt.records import BIAS, CHANGED, FILTER, LOST, NOT_ZEROED, RATE, STOP, STREAM, Record
 from services.sensor_rdt.settings import Settings
 from services.sensor_rdt.stream import Stream
 from services.wire.keys import FT
@@ -38,7 +40,7 @@ class RdtShell:
 
     def __init__(self, service: Service, settings: Settings) -> None:
         self._service, self._settings = service, settings
-        self._publish = service.publisher(FT, FtPacket)
+        self._publish = service.series_publisher(FT, FtPacket)
         self._stream: Stream | None = None
         """None until it is known what a count is worth."""
         self._calibration: Calibration | None = None
@@ -78,7 +80,7 @@ class RdtShell:
             before, stream = stream, Stream(made, settings.mount, rate_hz, batch)
             if before is not None:
                 stream.sequence, stream.t_ns = before.sequence, before.t_ns
-                self._publish(stream.say(CHANGED, time.time_ns()))
+                self._publish((stream.say(CHANGED, time.time_ns()),))
             self._stream, self._calibration = stream, made
             self._service.log.info(
                 "sensor %s, %g counts a N, %g counts a N m, %g Hz",
@@ -92,7 +94,7 @@ class RdtShell:
     def _use(self, box: Box, stream: Stream) -> None:
         """Publish until stopped. Raises BoxError."""
         service, settings = self._service, self._settings
-        self._publish(stream.say(NOT_ZEROED, time.time_ns()))
+        self._publish((stream.say(NOT_ZEROED, time.time_ns()),))
         box.ask(STOP)
         for command, value in ((FILTER, settings.onrobot_filter), (RATE, settings.onrobot_period_ms)):
             if value is not None:
@@ -103,16 +105,11 @@ class RdtShell:
         stream.begin()
         heard, odd = time.monotonic(), 0
         while not service.stopping:
-            took = False
-            for _ in range(_TURN):
-                came = box.take()
-                if came is None:
-                    break
-                took = True
-                for packet in stream.take(*came):
-                    self._publish(packet)
+            first = box.take()
+            if first is not None:
+                self._publish(_packets(box, stream, first))
             now = time.monotonic()
-            if took:
+            if first is not None:
                 heard = now
                 self._on_records(stream)
             elif now - heard > SILENT_S:
@@ -150,10 +147,15 @@ class RdtShell:
         """Say what is wrong, to the robot first, and wait before the next attempt."""
         service, stream = self._service, self._stream
         if stream is not None:
-            for packet in stream.flush():
-                self._publish(packet)
-            self._publish(stream.say(CHANGED if isinstance(error, RebootedError) else LOST, time.time_ns()))
+            self._publish(stream.flush())
+            self._publish((stream.say(CHANGED if isinstance(error, RebootedError) else LOST, time.time_ns()),))
         service.refuse(error)
         service.phase = f"sensor lost, trying again: {error}"[:200]
         service.work_until(lambda: False, self._retry_s)
         self._retry_s = min(RETRY_S[1], 2.0 * self._retry_s)
+
+
+def _packets(box: Box, stream: Stream, first: tuple[Record, int]) -> Iterator[FtPacket]:
+    """Give the packets of a turn's records. Raises RebootedError."""
+    for came in chain((first,), islice(iter(box.take, None), _TURN)):
+        yield from stream.take(*came)

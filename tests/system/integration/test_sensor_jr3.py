@@ -6,6 +6,7 @@ import random
 import re
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from typing import Any
@@ -97,6 +98,23 @@ def test_8_khz_for_three_seconds_without_a_loss(house: Any, heard: Listener, emu
     assert {packet.force_n[-1] for packet in taken} == {SCALE.quantised((1, 2, -3), (0.1, 0.2, 0.3))[0]}
     assert {packet.period_ns for packet in taken} == {125_000}
     assert {len(packet.force_n) for packet in taken} == {8}
+
+
+def test_what_a_service_that_stood_still_catches_up_with_reaches_the_hearers(
+    house: Any, heard: Listener, emulate: Any
+) -> None:
+    _, url = emulate()
+    process = house.start("sensor_jr3", "--url", url, "--rate-hz", "8000", *QUICK)
+    house.wait_until("samples", good(heard))
+    process.popen.send_signal(signal.SIGSTOP)
+    time.sleep(0.6)  # 600 packets
+    process.popen.send_signal(signal.SIGCONT)
+    since = len(heard.packets)
+    house.wait_until("all of them and more", lambda: len(heard.packets) > since + 1200)
+    taken = [packet for packet in heard.packets if packet.status == 0]
+    assert [after.sequence - len(after.force_n) - before.sequence for before, after in pairwise(taken)] == [0] * (
+        len(taken) - 1
+    )
 
 
 def test_each_trouble_stops_the_robot_and_goes_away_again(house: Any, heard: Listener, emulate: Any) -> None:
