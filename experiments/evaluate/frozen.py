@@ -1,4 +1,4 @@
-"""A learnt skill as a controller: nothing is learnt any more, and no move is tried but the best known."""
+"""A learnt skill as a controller: nothing is learnt any more, and no move tried but the best that is surely known."""
 
 from __future__ import annotations
 
@@ -17,10 +17,14 @@ from services.rules.skill import NamedSkill, fits
 from services.rules.skill_memory import untried
 from services.rules.swaps import in_force
 from services.rules.wrench import Reference, Wrench
-from services.wire.definition import Definition, Greedy, Plugin
+from services.wire.definition import Definition, FeltModel, Greedy, LearnerSettings, Plugin
 from services.wire.errors import UnusableError
 from services.wire.messages import Observation
 from services.wire.randomness import Role, generator
+
+CAUTION = 5.0
+"""Standard deviations of what a felt model thinks of a move that are taken off: a frozen skill tries nothing, and of a
+move that looks good where it was never made it would never hear that it is not (docs/decisions/0043-force-stays.md)."""
 
 
 class FrozenSkill:
@@ -35,7 +39,7 @@ class FrozenSkill:
         fits(skill.skill, definition)
         learnt = in_force(skill.skill.definition, skill.skill.swaps)
         self._classifier = classifier_of(learnt.classifier)
-        self._learner = learner_of(replace(learnt, policy=Greedy()), seed)
+        self._learner = learner_of(replace(learnt, policy=Greedy(), learner=_cautious(learnt.learner)), seed)
         self._classifier.restore(skill.skill.classifier)
         self._learner.restore(skill.skill.agent)
         self._reference, self._bounds = Reference(definition), Bounds(definition)
@@ -49,7 +53,7 @@ class FrozenSkill:
         """Begin an episode; there is nothing to forget."""
 
     def decide(self, felt: Observation) -> Choice:
-        """Return the best move in the contact state that is felt."""
+        """Return the best move in the contact state that is felt, as far as it is sure."""
         self._tell(felt)
         try:
             wrench = self._reference.felt(felt.force_n, felt.torque_nm)
@@ -84,8 +88,13 @@ class FrozenSkill:
         """Return what each move is worth."""
         assert not proposes(self._learner)
         if feels(self._learner):
-            values: list[float] = self._learner.opinion(state, wrench, episode).values.tolist()
+            opinion = self._learner.opinion(state, wrench, episode)
+            values: list[float] = (opinion.values - CAUTION * opinion.deviation).tolist()
             return values
         assert isinstance(self._learner, Learner)
         row: list[float] = self._learner.values(state).tolist()
         return row
+
+
+def _cautious(learner: LearnerSettings) -> LearnerSettings:
+    return replace(learner, caution=CAUTION) if isinstance(learner, FeltModel) else learner

@@ -37,11 +37,14 @@ _MOST = 1 << 53
 class FeltLearner(Learner):
     """A model of what is felt beside a table; see ``services.rules.plugins.FeelingLearner`` for what it promises."""
 
-    def __init__(self, moves: Moves, learner: FeltModel, policy: Policy, seed: int) -> None:
-        """Start with nothing learnt; ValueError as for ``Learner``."""
+    def __init__(self, moves: Moves, learner: FeltModel, policy: Policy, seed: int, force_per_n: float = 0.0) -> None:
+        """Start with nothing learnt; ValueError as for ``Learner``.
+
+        ``force_per_n``: what each newton [1/N] costs a move that changes nothing, which need not be learnt.
+        """
         line_of, size_of = lines(moves)
         super().__init__(len(line_of), learner, policy, seed, repeatable(moves))
-        self._model, self._moves = learner, moves
+        self._model, self._moves, self._force_per_n = learner, moves, force_per_n
         self._lines, self._sizes = np.array(line_of, np.int64), np.array(size_of)
         count = 1 + max(line_of)
         self._theta = np.zeros((count, kernel.FEATURES))
@@ -105,7 +108,7 @@ class FeltLearner(Learner):
         if isinstance(policy, Thompson):
             chances = best_chances(values, policy.width * faded(policy.width_fade, when) * deviation)
         else:
-            chances = probabilities(values, policy, when)
+            chances = probabilities(values - self._model.caution * deviation, policy, when)
         return Opinion(values, model.copy(), row.copy(), deviation.copy(), chances)
 
     def decide(self, previous: tuple[int, int, float] | None, state: int, episode: int, step: int) -> int:
@@ -177,7 +180,7 @@ class FeltLearner(Learner):
         """Return what each move is taken to be worth this time, shape (actions,): drawn, with Thompson sampling."""
         policy, when = self._policy, self.episodes_before + episode
         if not isinstance(policy, Thompson):
-            return values
+            return values - self._model.caution * deviation
         width = policy.width * faded(policy.width_fade, when)
         drawn: NDArray[np.float64] = values + width * deviation * draws.standard_normal(values.size)
         return drawn
@@ -189,7 +192,13 @@ class FeltLearner(Learner):
         """
         model = self._model
         kernel.judge(wrench, model.unit_n, self._lines, self._sizes, self._theta, self._covariances, self._judged)
+        self._judged[0] -= self._cost(wrench)
         return self._judged[0], self._judged[1]
+
+    def _cost(self, wrench: NDArray[np.float64]) -> float:
+        """Return what the force costs a move that leaves it as it is, whatever move it is."""
+        x, y, z = wrench[:3].tolist()
+        return self._force_per_n * math.sqrt(x * x + y * y + z * z)
 
     def _fit(self, lesson: Lesson, reward: float) -> float:
         """Teach the model what a move earned at once, within the limit; return how much it was told."""
@@ -198,10 +207,9 @@ class FeltLearner(Learner):
         _check_reward(lesson)
         model, line = self._model, int(self._lines[action])
         told = min(model.reward_limit, max(-model.reward_limit, reward))
-        size = float(self._sizes[action])
-        kernel.fit(
-            wrench, model.unit_n, size, told, model.drift, 1.0 / model.ridge, self._theta[line], self._covariances[line]
-        )
+        size, beside = float(self._sizes[action]), told + self._cost(wrench)
+        theta, covariance = self._theta[line], self._covariances[line]
+        kernel.fit(wrench, model.unit_n, size, beside, model.drift, 1.0 / model.ridge, theta, covariance)
         return told
 
     def _follow(self, lesson: Lesson, worth: float) -> None:

@@ -17,7 +17,7 @@ from services.rules.plugins import ContinuousLearner, Learner, Lesson, Opinion, 
 from services.rules.timeline import Timeline
 from services.rules.wrench import Reference, Wrench
 from services.wire.actions import Increment, repeatable
-from services.wire.definition import Definition, FeltModel, Plugin
+from services.wire.definition import Definition, FeltModel, InsertionReward, Plugin
 from services.wire.errors import DivergedError, ForeignRunError, GapError, UnusableError
 from services.wire.messages import Action, Force, JournalEpisode, Reward, Skill, State, Swap, Torque
 
@@ -33,8 +33,14 @@ def learner_of(definition: Definition, seed: int) -> Learner | ContinuousLearner
     if isinstance(settings, FeltModel):
         from services.agent.felt import FeltLearner  # here: others need no compiler
 
-        return FeltLearner(moves, settings, policy, seed)
+        return FeltLearner(moves, settings, policy, seed, _known_cost(definition) if settings.force_stays else 0.0)
     return TdLearner(moves.count, settings, policy, seed, repeatable(moves))
+
+
+def _known_cost(definition: Definition) -> float:
+    """Return what each newton that stays costs a move by the reward, without shaping: that pays changes alone."""
+    reward = definition.reward
+    return reward.force_per_n if isinstance(reward, InsertionReward) else 0.0
 
 
 class AgentFold:

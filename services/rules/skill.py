@@ -36,7 +36,7 @@ _HEADER = re.compile(
 )
 _VERSION = 1
 _HEADER_BYTES = 256
-_MODEL = ("torque_per_m", "unit_n")
+_MODEL = ("torque_per_m", "unit_n", "force_stays")
 """Settings of the felt learner without which its model would mean something else."""
 _MEANING = ("encoding", "torque_gain_per_m", "a", "b", "c", "d", "e", "theta")
 """Settings of the classifier without which prototypes would mean something else."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
+from operator import attrgetter
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -82,7 +83,8 @@ def _same_memory(before: LearnerSettings, after: LearnerSettings) -> bool:
     if isinstance(before, TdSettings) and isinstance(after, TdSettings):
         return True
     if isinstance(before, FeltModel) and isinstance(after, FeltModel):
-        return (before.torque_per_m, before.unit_n) == (after.torque_per_m, after.unit_n)
+        meaning = attrgetter("torque_per_m", "unit_n", "force_stays")
+        return bool(meaning(before) == meaning(after))
     return False
 
 

@@ -62,6 +62,8 @@ _LATER: Mapping[str, object] = {
     "learner.follow_fade": 0.0,
     "learner.follow_least": 0.0,
     "learner.revisit": 0.0,
+    "learner.force_stays": False,
+    "learner.caution": 0.0,
     "learner.search_moves": 0,
     "learner.search_cone": 0.35,
     "learner.search_press_n": 1.0,

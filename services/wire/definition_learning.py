@@ -147,6 +147,12 @@ class FeltModel(Checked, frozen=True, kw_only=True, tag_field="kind", tag="felt"
     """Scale of the model's features: about the force at which things change."""
     ridge: Annotated[float, Meta(gt=0, le=1e6)] = 1.0
     """How strongly the model holds that nothing earns anything before it has seen otherwise."""
+    force_stays: bool = False
+    """Whether a move that nothing is known of is thought to leave the force as it is, at what it costs by the reward's
+    ``force_per_n``, and not to earn nothing; the model then learns what moves change."""
+    caution: NotNegative = 0.0
+    """How many standard deviations of what the model thinks of a move are taken off its value first, where the policy
+    does not draw it: what is never tried has to be sure."""
     drift: Fraction = 0.0
     """How unsure the model becomes of what it holds with each observation, as a part of how unsure it was at first:
     what is long ago counts less. 0 holds that nothing ever changes."""

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from experiments.lab.in_process import InProcessRun
 from services.agent.felt import FeltLearner
-from services.agent.fold import AgentFold
+from services.agent.fold import AgentFold, learner_of
 from services.classifier.fold import ClassifierFold
 from services.rules import skill as skill_file
 from services.rules.plugins import Lesson, feels
@@ -139,6 +139,50 @@ def test_a_move_that_leads_back_is_worth_less() -> None:
     subject.restore(before)
     assert subject.decide_felt(None, 0, LEFT, 2, 0) == 0  # an episode that is begun again
     assert subject.opinion(0, LEFT, 2).values == pytest.approx(subject.opinion(0, LEFT, 3).values)
+
+
+def test_a_move_that_nothing_is_known_of_is_thought_to_leave_the_force_as_it_is() -> None:
+    subject = FeltLearner(MOVES, FeltModel(force_stays=True), Greedy(), 3, force_per_n=4.0)
+    assert subject.opinion(0, PRESSED, 0).model.tolist() == [-8.0] * 9
+    pressed_more = Wrench((3.0, 0.0, -4.0), (9.0, 0.0, 0.0))  # its torque costs nothing
+    assert subject.opinion(0, pressed_more, 0).model.tolist() == [-20.0] * 9
+    for _ in range(30):  # a move that changes nothing teaches nothing about any force
+        subject.finish_felt(Lesson(0, 0, -8.0, PRESSED, "inserted"))
+    assert subject.opinion(0, pressed_more, 0).model.tolist() == pytest.approx([-20.0] * 9)
+    for _ in range(200):  # one that takes half of it away
+        subject.finish_felt(Lesson(0, 2, -4.0, PRESSED, "inserted"))
+    assert subject.opinion(0, PRESSED, 0).model[2] == pytest.approx(-4.0, abs=0.1)
+    assert subject.decide_felt(None, 0, PRESSED, 0, 0) == 2
+
+
+@pytest.mark.parametrize(
+    ("changes", "expected"),
+    [
+        ((), -4.0 * 2.0),
+        (("reward.force_per_n=1.5",), -1.5 * 2.0),
+        (("learner.force_stays=false",), 0.0),
+        (('reward={kind="force_change"}',), 0.0),
+    ],
+)
+def test_what_force_costs_is_known_from_the_reward(changes: tuple[str, ...], expected: float) -> None:
+    subject = learner_of(load("suite-round", changes), 3)
+    assert isinstance(subject, FeltLearner)
+    assert subject.opinion(0, PRESSED, 0).model.tolist() == [expected] * 9
+
+
+def test_caution_prefers_the_surer_of_good_moves() -> None:
+    bold, cautious = learner(Greedy()), learner(Greedy(), settings=FeltModel(caution=5.0))
+    for subject in (bold, cautious):
+        for _ in range(200):
+            subject.finish_felt(Lesson(0, 0, 2.0, LEFT, "inserted"))
+        for _ in range(3):
+            subject.finish_felt(Lesson(0, 2, 3.0, LEFT, "inserted"))
+    opinion = bold.opinion(0, LEFT, 0)
+    assert opinion.model[2] > opinion.model[0]
+    assert opinion.deviation[2] > opinion.deviation[0]
+    assert bold.decide_felt(None, 0, LEFT, 0, 0) == bold.opinion(0, LEFT, 0).chances.argmax() == 2
+    assert cautious.decide_felt(None, 0, LEFT, 0, 0) == cautious.opinion(0, LEFT, 0).chances.argmax() == 0
+    assert cautious.opinion(0, LEFT, 0).values.tolist() == opinion.values.tolist(), "what it thinks is the same"
 
 
 def test_a_collision_tells_the_model_its_limit_and_the_table_the_rest() -> None:
@@ -312,8 +356,13 @@ def test_a_skill_of_it_fits_what_feels_the_same_only() -> None:
     learnt = skill_file.parse(skill_file.file_bytes(run.learnt())).skill
     skill_file.fits(learnt, load("suite-round-tight"))
     table = ["shaping.price_per_n=0.0", "policy.kind=softmax", "learner.kind=q_learning"]
-    for changes in (["felt.torque=tip", "felt.lever_mm=0.0"], ["learner.unit_n=2.0"], table):
-        with pytest.raises(skill_file.SkillError, match=r"torques|unit_n|learner\.kind"):
+    for changes in (
+        ["felt.torque=tip", "felt.lever_mm=0.0"],
+        ["learner.unit_n=2.0"],
+        ["learner.force_stays=false"],
+        table,
+    ):
+        with pytest.raises(skill_file.SkillError, match=r"torques|unit_n|force_stays|learner\.kind"):
             skill_file.fits(learnt, load("suite-round", changes))
     goes_on = InProcessRun(load("suite-round"), 23, skill=run.learnt())
     assert goes_on.agent.learner.digest() == run.agent.learner.digest()
