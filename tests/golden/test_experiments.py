@@ -15,8 +15,13 @@ DIGESTS = json.loads(FILE.read_text())
 EPISODES = 20
 
 
+def kept() -> set[str]:
+    """Return whose digests are kept: those of the thesis. The suite's tasks may learn otherwise tomorrow."""
+    return {name for name in shipped() if not name.startswith("suite-")}
+
+
 def test_every_experiment_of_the_thesis_has_digests() -> None:
-    assert set(DIGESTS) == {name for name in shipped() if not name.startswith("suite-")}
+    assert set(DIGESTS) == kept()
 
 
 @pytest.mark.parametrize("name", sorted(DIGESTS))
@@ -29,5 +34,5 @@ def digests(name: str) -> object:
 
 
 if __name__ == "__main__":  # writes down what new experiments learn; what is written stays
-    new = {name: digests(name) for name in shipped() if name not in DIGESTS}
+    new = {name: digests(name) for name in kept() - set(DIGESTS)}
     FILE.write_text(json.dumps(dict(sorted({**DIGESTS, **new}.items())), indent=1))
