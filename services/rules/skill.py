@@ -258,7 +258,8 @@ def _fits_model(definition: Definition, learnt: Definition) -> None:
     for name in _MODEL if isinstance(ours, FeltModel) else ():
         expected_value, got_value = getattr(ours, name), getattr(theirs, name)
         if expected_value != got_value:
-            raise SkillError(f"skill: expected learner.{name} = {expected_value}, got {got_value}")
+            way = f"; --set learner.{name}={str(got_value).lower()} takes it as it is"
+            raise SkillError(f"skill: expected learner.{name} = {expected_value}, got {got_value}{way}")
 
 
 def _check_contract(theirs: str) -> None:
