@@ -21,12 +21,6 @@ PARTS = (
         "learn",
         (Q_LEARNING, SOFTMAX, "shaping.gamma=0.95"),
     ),
-    Method(
-        "force unknown",
-        "what force costs a move that changes nothing has to be learnt too",
-        "learn",
-        ("learner.force_stays=false",),
-    ),
     Method("no table", "nothing but the model of what a move earns at once", "learn", ("learner.follow=0.0",)),
     Method(
         "table for ever",

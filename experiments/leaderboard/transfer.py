@@ -16,13 +16,15 @@ from experiments.leaderboard.methods import Method, variant
 from experiments.leaderboard.plan import Entry, Length
 from experiments.leaderboard.runner import Results, Spread, run, there_is
 from experiments.leaderboard.targets import Target
-from services.wire.definition import Definition
+from services.wire.definition import Definition, FeltModel
 from services.wire.definition_file import load, shipped
 from services.wire.errors import TreenailError
 
 LEARNT_ON = "suite-round"
 MOVES_OF = "suite-square"
 """The round peg is learnt with this task's moves: turned about its axis too, as a square one has to be."""
+_STAYS = "learner.force_stays="
+"""What makes a felt learner's skill hold elsewhere (docs/decisions/0043-force-stays.md); a method may say otherwise."""
 OTHER_SEEDS = 1000
 """What is added to a seed: start poses and noise are others than those that were learnt with."""
 
@@ -67,11 +69,12 @@ CASES = (
 TITLE = Title(
     "transfer",
     "A skill where it was never learnt",
-    f"""Each learner learns `{LEARNT_ON}` from nothing, with the moves of `{MOVES_OF}`. Then it is frozen: nothing is
-learnt any more, no move is tried but the best known. So it is tried on other starts and noise, and under other
-conditions, with a hand-written rule beside it; all episodes count. *Failures in the first 20* are of the frozen
-skill's, success is with its 95 % interval (Wilson) and, in square brackets, the worst seed's, forces are means over
-all moves of an episode, in brackets the least and the most of the seeds' means.""",
+    f"""Each learner learns `{LEARNT_ON}` from nothing, with the moves of `{MOVES_OF}` and, where it feels, with
+`learner.force_stays`. Then it is frozen: nothing is learnt any more, no move is tried but the best that is surely
+known. So it is tried on other starts and noise, and under other conditions, with a hand-written rule beside it; all
+episodes count. *Failures in the first 20* are of the frozen skill's, success is with its 95 % interval (Wilson) and, in
+square brackets, the worst seed's, forces are means over all moves of an episode, in brackets the least and the most of
+the seeds' means.""",
 )
 
 
@@ -97,8 +100,11 @@ def make(
 
 
 def task_of(case: Case, method: Method) -> Definition:
-    """Return the definition of a case, as a method's learner meets it."""
+    """Return the definition of a case, as a method's learner meets it: one whose skill is to be carried elsewhere."""
     task = variant(load(case.task), (*method.overrides, *case.overrides), case.name, method.plain)
+    chosen = method.skill is not None or any(override.startswith(_STAYS) for override in method.overrides)
+    if isinstance(task.learner, FeltModel) and not chosen:
+        task = replace(task, learner=replace(task.learner, force_stays=True))
     return replace(task, moves=load(MOVES_OF).moves)
 
 

@@ -158,10 +158,10 @@ def test_a_move_that_nothing_is_known_of_is_thought_to_leave_the_force_as_it_is(
 @pytest.mark.parametrize(
     ("changes", "expected"),
     [
-        ((), -4.0 * 2.0),
-        (("reward.force_per_n=1.5",), -1.5 * 2.0),
-        (("learner.force_stays=false",), 0.0),
-        (('reward={kind="force_change"}',), 0.0),
+        ((), 0.0),
+        (("learner.force_stays=true",), -4.0 * 2.0),
+        (("learner.force_stays=true", "reward.force_per_n=1.5"), -1.5 * 2.0),
+        (("learner.force_stays=true", 'reward={kind="force_change"}'), 0.0),
     ],
 )
 def test_what_force_costs_is_known_from_the_reward(changes: tuple[str, ...], expected: float) -> None:
@@ -359,7 +359,7 @@ def test_a_skill_of_it_fits_what_feels_the_same_only() -> None:
     for changes in (
         ["felt.torque=tip", "felt.lever_mm=0.0"],
         ["learner.unit_n=2.0"],
-        ["learner.force_stays=false"],
+        ["learner.force_stays=true"],
         table,
     ):
         with pytest.raises(skill_file.SkillError, match=r"torques|unit_n|force_stays|learner\.kind"):

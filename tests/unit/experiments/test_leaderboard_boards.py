@@ -43,6 +43,16 @@ def test_what_is_kept_is_counted_in_windows(outcomes: str, changes_at: int | Non
     assert kept(outcomes, changes_at) == told
 
 
+def test_a_skill_that_is_to_be_carried_is_learnt_with_the_force_that_stays_unless_a_method_says_otherwise() -> None:
+    case = CASES[0]
+    assert not load(case.task).learner.force_stays  # type: ignore[union-attr]
+    assert task_of(case, LEARNER).learner.force_stays  # type: ignore[union-attr]
+    unknown = LEARNER._replace(overrides=("learner.force_stays=false",))
+    assert not task_of(case, unknown).learner.force_stays  # type: ignore[union-attr]
+    table = next(method for method in METHODS if method.name == "table")
+    assert isinstance(task_of(case, table).learner, QLearning)
+
+
 def test_cases_differ_from_what_is_learnt_in_what_they_say_alone() -> None:
     learnt = task_of(CASES[0], LEARNER)
     by_name = {case.name: task_of(case, LEARNER) for case in CASES if case.task in shipped()}

@@ -15,8 +15,9 @@ from services.wire.codec import contract_sha256
 from services.wire.definition_file import load, shipped
 from services.wire.errors import BadPayloadError
 
-OTHERWISE = ("suite-chamferless", "suite-turned", "suite-industreal")
-LEARNT_OTHERWISE = [name for name in shipped() if name.startswith(OTHERWISE) or not name.startswith("suite")]
+LEARNT_OTHERWISE = [
+    name for name in shipped() if name.startswith(("suite-chamferless", "suite-turned")) or not name.startswith("suite")
+]
 
 
 def test_it_is_small_and_of_todays_contract() -> None:
@@ -65,12 +66,6 @@ def test_a_task_that_feels_or_learns_otherwise_is_refused_in_one_line(name: str)
         for_task(builtin(), load(name))
     said = str(error.value)
     assert said.startswith(f"builtin: does not fit {name}: skill: expected ") and "\n" not in said
-
-
-def test_where_only_force_stays_differs_the_refusal_says_how_to_take_it() -> None:
-    with pytest.raises(SkillError, match=r"got True; --set learner\.force_stays=true takes it as it is$"):
-        for_task(builtin(), load("suite-industreal-rect-4"))
-    assert not untried(for_task(builtin(), load("suite-industreal-rect-4", ("learner.force_stays=true",))).skill.agent)
 
 
 def test_any_other_skill_is_changed_by_nobody(tmp_path: Path) -> None:

@@ -95,10 +95,10 @@ def test_it_is_shown_and_mapped(
     status, out, _ = says(monkeypatch, capsys, "checkpoint", "show", "builtin", "--json")
     assert status == 0 and json.loads(out)["skill"] == builtin().sha256
     path = tmp_path / "mapped.skill"
-    words = ("checkpoint", "map", "builtin", str(path), "--experiment", "suite-round")
+    words = ("checkpoint", "map", "builtin", str(path), "--experiment", "suite-industreal-round-8")
     status, out, _ = says(monkeypatch, capsys, *words)
-    assert status == 0 and "with the moves of suite-round" in out
-    assert read(path) == for_task(builtin(), ROUND)
+    assert status == 0 and "with the moves of suite-industreal-round-8" in out
+    assert read(path) == for_task(builtin(), load("suite-industreal-round-8"))
 
 
 def test_on_the_leaderboard_it_is_given_each_tasks_moves_and_named_where_it_does_not_fit() -> None:
