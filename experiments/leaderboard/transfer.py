@@ -16,14 +16,14 @@ from experiments.leaderboard.methods import Method, variant
 from experiments.leaderboard.plan import Entry, Length
 from experiments.leaderboard.runner import Results, Spread, run, there_is
 from experiments.leaderboard.targets import Target
-from services.wire.definition import Definition, FeltModel
+from services.wire.definition import Definition
 from services.wire.definition_file import load, shipped
 from services.wire.errors import TreenailError
 
 LEARNT_ON = "suite-round"
 MOVES_OF = "suite-square"
 """The round peg is learnt with this task's moves: turned about its axis too, as a square one has to be."""
-_STAYS = "learner.force_stays="
+CARRIED = "learner.force_stays=true"
 """What makes a felt learner's skill hold elsewhere (docs/decisions/0043-force-stays.md); a method may say otherwise."""
 OTHER_SEEDS = 1000
 """What is added to a seed: start poses and noise are others than those that were learnt with."""
@@ -101,10 +101,8 @@ def make(
 
 def task_of(case: Case, method: Method) -> Definition:
     """Return the definition of a case, as a method's learner meets it: one whose skill is to be carried elsewhere."""
-    task = variant(load(case.task), (*method.overrides, *case.overrides), case.name, method.plain)
-    chosen = method.skill is not None or any(override.startswith(_STAYS) for override in method.overrides)
-    if isinstance(task.learner, FeltModel) and not chosen:
-        task = replace(task, learner=replace(task.learner, force_stays=True))
+    first = () if method.skill is not None else (CARRIED,)
+    task = variant(load(case.task), (*first, *method.overrides, *case.overrides), case.name, method.plain)
     return replace(task, moves=load(MOVES_OF).moves)
 
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from services.rules.skill_memory import check_agent, check_classifier, check_felt, number
-from services.rules.swaps import in_force, kind_of
+from services.rules.swaps import FELT_MEANING, in_force, kind_of
 from services.wire import codec
 from services.wire.actions import action_names, increments
 from services.wire.codec import contract_sha256
@@ -36,8 +36,6 @@ _HEADER = re.compile(
 )
 _VERSION = 1
 _HEADER_BYTES = 256
-_MODEL = ("torque_per_m", "unit_n", "force_stays")
-"""Settings of the felt learner without which its model would mean something else."""
 _MEANING = ("encoding", "torque_gain_per_m", "a", "b", "c", "d", "e", "theta")
 """Settings of the classifier without which prototypes would mean something else."""
 
@@ -255,7 +253,7 @@ def _fits_model(definition: Definition, learnt: Definition) -> None:
         raise SkillError(f"skill: expected learner.kind = {kind_of(ours)!r}, got {kind_of(theirs)!r}")
     if definition.felt != learnt.felt:
         raise SkillError(f"skill: expected torques referred as {definition.felt}, got {learnt.felt}")
-    for name in _MODEL if isinstance(ours, FeltModel) else ():
+    for name in FELT_MEANING if isinstance(ours, FeltModel) else ():
         expected_value, got_value = getattr(ours, name), getattr(theirs, name)
         if expected_value != got_value:
             way = f"; --set learner.{name}={str(got_value).lower()} takes it as it is"

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from operator import attrgetter
 from typing import Literal, NamedTuple
 
 import msgspec
@@ -35,6 +34,8 @@ LARGEST_BYTES = 8192
 """Of one swap: all of a run fit into one message."""
 BUILT_IN = {"classifier": ("art2", "none"), "learner": (*TD_LEARNERS, "felt")}
 """Kinds that need no plug-in, by table of the definition."""
+FELT_MEANING = ("torque_per_m", "unit_n", "force_stays")
+"""Settings of the felt learner without which its model would mean something else."""
 SPEC = "EPISODE:SERVICE:KEY=VALUE,..."
 SPEC_HELP = "swap from an episode on, as in 100:agent:learner=sarsa or 100:classifier:rho=0.95; may be repeated"
 """Of an option ``--swap``."""
@@ -83,8 +84,7 @@ def _same_memory(before: LearnerSettings, after: LearnerSettings) -> bool:
     if isinstance(before, TdSettings) and isinstance(after, TdSettings):
         return True
     if isinstance(before, FeltModel) and isinstance(after, FeltModel):
-        meaning = attrgetter("torque_per_m", "unit_n", "force_stays")
-        return bool(meaning(before) == meaning(after))
+        return all(getattr(before, name) == getattr(after, name) for name in FELT_MEANING)
     return False
 
 

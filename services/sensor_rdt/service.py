@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
-from itertools import chain, islice
+from itertools import islice
 
 from services.bus.opening import Opening
 from services.bus.service import Options, Service
 from services.sensor_rdt.box import Box, calibrated
 from services.sensor_rdt.calibration import Calibration
 from services.sensor_rdt.errors import BoxError, RebootedError, SilentError
-from services.sensor_rdt.records import BIAS, CHANGED, FILTER, LOST, NOT_ZEROED, RATE, STOP, STREAM, Record
+from services.sensor_rdt.records import BIAS, CHANGED, FILTER, LOST, NOT_ZEROED, RATE, STOP, STREAM
 from services.sensor_rdt.settings import Settings
 from services.sensor_rdt.stream import Stream
 from services.wire.keys import FT
@@ -105,11 +104,10 @@ class RdtShell:
         stream.begin()
         heard, odd = time.monotonic(), 0
         while not service.stopping:
-            first = box.take()
-            if first is not None:
-                self._publish(_packets(box, stream, first))
+            came = list(islice(iter(box.take, None), _TURN))
+            self._publish(packet for record in came for packet in stream.take(*record))
             now = time.monotonic()
-            if first is not None:
+            if came:
                 heard = now
                 self._on_records(stream)
             elif now - heard > SILENT_S:
@@ -153,9 +151,3 @@ class RdtShell:
         service.phase = f"sensor lost, trying again: {error}"[:200]
         service.work_until(lambda: False, self._retry_s)
         self._retry_s = min(RETRY_S[1], 2.0 * self._retry_s)
-
-
-def _packets(box: Box, stream: Stream, first: tuple[Record, int]) -> Iterator[FtPacket]:
-    """Give the packets of a turn's records. Raises RebootedError."""
-    for came in chain((first,), islice(iter(box.take, None), _TURN)):
-        yield from stream.take(*came)
